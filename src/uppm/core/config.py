@@ -1,0 +1,145 @@
+"""Every setting, nested, with its default; `Config.load` merges a YAML file and `key.path=value` overrides."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from uppm.core.errors import ConfigError
+
+
+class Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class InputConfig(Section):
+    """How a sequence is read."""
+
+    format: str | None = None
+    """Reader's name; None: found by looking."""
+    depth_scale: float | None = Field(default=None, gt=0)
+    """Depth image units a metre; None: the format's own."""
+    invert_poses: bool = False
+    """The pose files hold camera-from-world transforms."""
+    pose_axes: Literal["opencv", "opengl"] = "opencv"
+    """Camera axes of the pose files; opengl: y up, z backward."""
+    quaternion_order: Literal["xyzw", "wxyz"] = "xyzw"
+    """Order in text files that hold quaternions."""
+    stride: int = Field(default=1, ge=1)
+    """Every n-th frame is used."""
+    max_frames: int | None = Field(default=None, ge=1)
+    strict: bool = False
+    """A bad frame ends the run instead of being skipped and counted."""
+
+
+class PerceptionConfig(Section):
+    """Front end."""
+
+    profile: str = "embedded"
+    """Name in `uppm.perception.registry`."""
+    precomputed: Path | None = None
+    """Folder of id images for the profile `precomputed`."""
+    up: Literal["auto", "+x", "-x", "+y", "-y", "+z", "-z"] = "auto"
+    """The map's up axis; auto: from the dominant floor."""
+    detector_score: float = Field(default=0.4, ge=0, le=1)
+    detector_nms_iou: float = Field(default=0.6, ge=0, le=1)
+    min_mask_pixels: int = Field(default=150, ge=1)
+    """At 640x480; scales with the image's area."""
+    threads: int = Field(default=2, ge=1)
+
+
+class RetrievalConfig(Section):
+    """Semantic retrieval (paper section 3.2.2)."""
+
+    method: Literal["paper"] = "paper"
+
+
+class FusionConfig(Section):
+    """Unified panoptic fusion (paper section 3.3, method.md section 4)."""
+
+    depth_min: float = Field(default=0.1, ge=0)
+    """Metres."""
+    depth_max: float = Field(default=5.0, gt=0)
+    """Metres."""
+    truncation: float = Field(default=2.0, ge=1)
+    """Voxels."""
+    max_weight: float = Field(default=1e4, gt=0)
+    interpolation_max_step: float = Field(default=0.2, gt=0)
+    """Metres; where the four neighbours differ by more, the nearest pixel is used."""
+    voxel_size: float | None = Field(default=None, gt=0)
+    """One size for every submap, metres; None: the category's size prior."""
+    freespace_voxel_size: float = Field(default=0.3, gt=0)
+    """Metres."""
+    min_iou: float = Field(default=0.1, ge=0, le=1)
+    """Least IoU of an association (paper equation 4)."""
+    category_policy: Literal["same", "compatible", "any"] = "compatible"
+    min_cosine: float = Field(default=0.5, ge=-1, le=1)
+    """Two categories are compatible where their embeddings agree at least so much."""
+    max_blocks: int = Field(default=2_000_000, ge=1024)
+    """Address space of the block pool; memory is taken as blocks are used (5.6 kB each)."""
+    threads: int = Field(default=2, ge=1)
+
+
+class MapConfig(Section):
+    checkpoint_every: int = Field(default=20, ge=1)
+    """Frames between transactions of the map file."""
+
+
+class Config(Section):
+    """The whole configuration; stored in the map."""
+
+    input: InputConfig = InputConfig()
+    perception: PerceptionConfig = PerceptionConfig()
+    retrieval: RetrievalConfig = RetrievalConfig()
+    fusion: FusionConfig = FusionConfig()
+    map: MapConfig = MapConfig()
+
+    @classmethod
+    def load(cls, file: Path | None = None, overrides: Sequence[str] = ()) -> Config:
+        """Defaults, then the YAML file, then overrides of the form `fusion.truncation=3`.
+
+        Raises
+        ------
+        ConfigError
+            A key is unknown or a value does not fit; the message names it.
+        """
+        data = _read_yaml(file) if file else {}
+        source = str(file) if file else "configuration"
+        for override in overrides:
+            _apply(data, override)
+        try:
+            return cls.model_validate(data)
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(str(part) for part in first["loc"])
+            found = f"{first['input']!r} ({first['msg'].lower()})"
+            advice = "see docs/configuration.md for the settings"
+            raise ConfigError(source, expected=f"a valid {where!r}", found=found, advice=advice) from None
+
+
+def _read_yaml(file: Path) -> dict[str, Any]:
+    try:
+        data = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        found = str(error).replace("\n", " ")
+        raise ConfigError(file, expected="a YAML file", found=found, advice="correct or drop --config") from None
+    if data is None:
+        return {}
+    if not isinstance(data, dict):
+        advice = "write sections such as `fusion:`"
+        raise ConfigError(file, expected="a YAML mapping", found=type(data).__name__, advice=advice)
+    return data  # pyright: ignore[reportUnknownVariableType]
+
+
+def _apply(data: dict[str, Any], override: str) -> None:
+    path, equals, value = override.partition("=")
+    if not equals:
+        raise ConfigError("--set", expected="section.name=value", found=repr(override), advice="write it so")
+    *sections, name = path.strip().split(".")
+    for section in sections:
+        data = data.setdefault(section, {})
+    data[name] = yaml.safe_load(value)

@@ -1,0 +1,65 @@
+"""Rigid transforms and the pinhole model on arrays; every stage's geometry comes from here."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from uppm.core.types import Intrinsics
+
+Points = npt.NDArray[np.float64]
+Pose = npt.NDArray[np.float64]
+
+
+def invert(T_a_b: Pose) -> Pose:
+    """T_b_a of a rigid T_a_b (4, 4)."""
+    T_b_a = np.eye(4)
+    T_b_a[:3, :3] = T_a_b[:3, :3].T
+    T_b_a[:3, 3] = -T_a_b[:3, :3].T @ T_a_b[:3, 3]
+    return T_b_a
+
+
+def transform(T_a_b: Pose, points_b: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
+    """Points (..., 3) of frame b in frame a."""
+    return points_b @ T_a_b[:3, :3].T + T_a_b[:3, 3]
+
+
+def pose_from_quaternion(translation: npt.ArrayLike, xyzw: npt.ArrayLike) -> Pose:
+    """(4, 4) pose of a translation (3,) and a quaternion (4,) in order x, y, z, w, normalised here."""
+    q = np.asarray(xyzw, dtype=np.float64)
+    x, y, z, w = q / np.linalg.norm(q)
+    pose = np.eye(4)
+    pose[:3, :3] = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    pose[:3, 3] = np.asarray(translation, dtype=np.float64)
+    return pose
+
+
+def rays(intrinsics: Intrinsics) -> npt.NDArray[np.float32]:
+    """(H, W, 3): the point at z = 1 m of each pixel, frame camera."""
+    u = (np.arange(intrinsics.width) - intrinsics.cx) / intrinsics.fx
+    v = (np.arange(intrinsics.height) - intrinsics.cy) / intrinsics.fy
+    out = np.ones((intrinsics.height, intrinsics.width, 3), dtype=np.float32)
+    out[..., 0], out[..., 1] = u[None, :], v[:, None]
+    return out
+
+
+def backproject(depth: npt.NDArray[np.float32], intrinsics: Intrinsics) -> npt.NDArray[np.float32]:
+    """Points (H, W, 3) of a depth image (H, W), frame camera, metres; 0 where the depth is invalid."""
+    return rays(intrinsics) * depth[..., None]
+
+
+def project(points: npt.NDArray[np.floating], intrinsics: Intrinsics) -> npt.NDArray[np.float64]:
+    """Pixel coordinates (..., 2) of points (..., 3) in frame camera with z > 0."""
+    z = points[..., 2]
+    u = intrinsics.fx * points[..., 0] / z + intrinsics.cx
+    v = intrinsics.fy * points[..., 1] / z + intrinsics.cy
+    return np.stack([u, v], axis=-1)
+
+
+def rotation_angle(T_a_b: Pose) -> float:
+    """Angle of a pose's rotation, radians."""
+    return float(np.arccos(np.clip((np.trace(T_a_b[:3, :3]) - 1) / 2, -1, 1)))

@@ -1,0 +1,73 @@
+"""What a back end must offer: at most two methods each. Public fakes stand in `uppm.perception.fakes`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from uppm.core.types import Category, Detections, Frame, Label, PanopticSegmentation, VoxelBlocks
+
+
+class FrameSource(Protocol):
+    """A posed RGB-D sequence. `frame` raises `BadFrameError` for a frame that cannot be used."""
+
+    name: str
+
+    def __len__(self) -> int: ...
+
+    def frame(self, index: int) -> Frame: ...
+
+
+class Labeler(Protocol):
+    """Image -> open-vocabulary labels (paper section 3.2.1, VLFE++); an empty tuple from closed-set front ends."""
+
+    def label(self, frame: Frame) -> tuple[Label, ...]: ...
+
+
+class Segmenter(Protocol):
+    """Image, depth and labels -> panoptic segmentation (paper section 3.2.3)."""
+
+    def prepare(self, frames: Sequence[Frame]) -> None:
+        """Look at a few frames spread over the sequence before mapping starts (for gravity, say)."""
+        ...
+
+    def segment(self, frame: Frame, labels: Sequence[Label]) -> PanopticSegmentation: ...
+
+
+class Detector(Protocol):
+    """Image and labels -> boxes; a closed-set detector ignores the labels."""
+
+    def detect(self, color: npt.NDArray[np.uint8], labels: Sequence[Label]) -> Detections: ...
+
+
+class MaskGenerator(Protocol):
+    """Boxes -> one mask each, (N, H, W) bool."""
+
+    def masks(self, frame: Frame, boxes: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]: ...
+
+
+class TextEncoder(Protocol):
+    """Texts -> unit vectors (N, D) float32; the same text always gives the same vector."""
+
+    def encode(self, texts: Sequence[str]) -> npt.NDArray[np.float32]: ...
+
+
+class Retriever(Protocol):
+    """Label text -> unified category (paper equation 1)."""
+
+    def retrieve(self, texts: Sequence[str]) -> tuple[Category, ...]: ...
+
+
+class VoxelSource(Protocol):
+    """Where a map's voxels are: the running fusion, or a map file."""
+
+    def blocks(self, submap_id: int) -> VoxelBlocks: ...
+
+
+class FrameViewer(Protocol):
+    """Watches the mapping; the default does nothing."""
+
+    def show(self, frame: Frame, submap_ids: npt.NDArray[np.int32]) -> None: ...

@@ -1,0 +1,1 @@
+"""Package data: category table, embeddings, detector weights, demo sequence. Licences in NOTICE."""
