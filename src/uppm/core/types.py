@@ -325,3 +325,35 @@ class Report:
     """Reason -> segments, submaps or pixels dropped."""
     seconds: Mapping[str, float] = field(default_factory=dict[str, float])
     """Stage -> seconds in total."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FrameRecord:
+    """One frame that was integrated or skipped."""
+
+    index: int
+    stamp: float
+    T_map_camera: npt.NDArray[np.float64] | None
+    """(4, 4); None where the frame could not be read."""
+    skipped: str | None = None
+    """Reason, where it was not integrated."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Checkpoint:
+    """What changed in a map since the last checkpoint: one transaction of the map file."""
+
+    submaps: tuple[Submap, ...]
+    """All that exist now; any other submap in the file is deleted with its blocks."""
+    changed: Mapping[int, VoxelBlocks]
+    """Submap id -> blocks that are new or were written."""
+    pruned: Mapping[int, npt.NDArray[np.int32]]
+    """Submap id -> coords (N, 3) of blocks that are gone."""
+    next_id: int
+    """The id that the next submap will get."""
+    frames: tuple[FrameRecord, ...]
+    """Frames since the last checkpoint."""
+    label_embeddings: Mapping[str, npt.NDArray[np.float32]]
+    """Label text -> unit vector (D,), new since the last checkpoint."""
+    report: Report
+    """Totals from the start."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +16,7 @@ def check_array(name: str, array: object, *, dtype: npt.DTypeLike, shape: Sequen
     wanted = f"{np.dtype(dtype)} array of shape ({', '.join('any' if n is None else str(n) for n in shape)})"
     if not isinstance(array, np.ndarray):
         raise InputError(name, expected=wanted, found=type(array).__name__, advice="convert it with np.asarray")
-    found: npt.NDArray[np.generic] = array
+    found = cast("npt.NDArray[np.generic]", array)
     fits = found.ndim == len(shape) and all(n is None or n == m for n, m in zip(shape, found.shape, strict=True))
     if not fits or found.dtype != np.dtype(dtype):
         raise InputError(name, expected=wanted, found=f"{found.dtype} {found.shape}", advice="convert or reshape it")
