@@ -24,7 +24,7 @@ FRAMES = (
 of them; at least 39 % of what a frame shows, the frame before shows too."""
 JPEG_QUALITY = 95
 SURFACE_SPACING_MM = 15
-RANGE_M = (0.1, 5.0)
+DEPTH_RANGE_M = (0.1, 5.0)
 OUT = Path(__file__).resolve().parents[1] / "src" / "uppm" / "data" / "demo"
 README = Path(__file__).with_name("demo_readme.md")
 
@@ -82,13 +82,13 @@ def write_surface(source: Path, out: Path, K: np.ndarray) -> None:
 
 
 def visible(source: Path, frame: int, K: np.ndarray, points: np.ndarray, instance: np.ndarray) -> np.ndarray:
-    """(N,) bool: points within range that project to a pixel of their instance at their depth."""
+    """(N,) bool: points whose depth is within range and that project to a pixel of their instance at their depth."""
     depth = read(source / "depth" / f"{frame:05d}.png", cv2.IMREAD_UNCHANGED) / 1000.0
     ids = read(source / "instance" / f"{frame:05d}.png", cv2.IMREAD_UNCHANGED)
     T_camera_map = np.linalg.inv(np.loadtxt(source / "pose" / f"{frame:05d}.txt"))
     camera = points @ T_camera_map[:3, :3].T + T_camera_map[:3, 3]
-    z, distance = camera[:, 2], np.linalg.norm(camera, axis=1)
-    near = np.flatnonzero((z >= RANGE_M[0]) & (distance <= RANGE_M[1]))
+    z = camera[:, 2]
+    near = np.flatnonzero((z >= DEPTH_RANGE_M[0]) & (z <= DEPTH_RANGE_M[1]))
     u, v = np.rint((camera[near] @ K.T)[:, :2] / z[near, None]).astype(int).T
     inside = (u >= 0) & (u < depth.shape[1]) & (v >= 0) & (v < depth.shape[0])
     near, u, v = near[inside], u[inside], v[inside]
