@@ -45,6 +45,10 @@ class PerceptionConfig(Section):
     """Folder of id images for the profile `precomputed`."""
     up: Literal["auto", "+x", "-x", "+y", "-y", "+z", "-z"] = "auto"
     """The map's up axis; auto: from the dominant floor."""
+    detector: str = "nanodet"
+    """Name in `uppm.perception.registry`."""
+    masks: str = "geometric"
+    """Name in `uppm.perception.registry`."""
     detector_score: float = Field(default=0.4, ge=0, le=1)
     detector_nms_iou: float = Field(default=0.6, ge=0, le=1)
     min_mask_pixels: int = Field(default=150, ge=1)

@@ -1,0 +1,53 @@
+"""Back ends by name: literal tables, imported on use, and entry points for plug-ins.
+
+A plug-in's package declares, say, `[project.entry-points."uppm.perception"] mine = "package.module:Segmenter"`; detectors
+and mask generators likewise in the groups `uppm.detectors` and `uppm.masks`. Each is a class that takes the
+`PerceptionConfig`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import import_module
+from importlib.metadata import entry_points
+from typing import Any
+
+from uppm.core.config import PerceptionConfig
+from uppm.core.errors import ConfigError
+from uppm.core.protocols import Detector, MaskGenerator, Segmenter
+
+SEGMENTERS = {
+    "embedded": "uppm.perception.segmentation.embedded:EmbeddedSegmenter",
+    "groundtruth": "uppm.perception.segmentation.groundtruth:GroundTruthSegmenter",
+    "precomputed": "uppm.perception.segmentation.precomputed:PrecomputedSegmenter",
+}
+DETECTORS = {"nanodet": "uppm.perception.segmentation.nanodet:NanoDet"}
+MASK_GENERATORS = {
+    "geometric": "uppm.perception.segmentation.geometric_masks:GeometricMasks",
+    "box": "uppm.perception.segmentation.geometric_masks:BoxMasks",
+}
+
+
+def create_segmenter(config: PerceptionConfig) -> Segmenter:
+    """The front end of `config.profile`; raises ConfigError for an unknown name."""
+    return _create("perception.profile", config.profile, SEGMENTERS, "uppm.perception", config)
+
+
+def create_detector(config: PerceptionConfig) -> Detector:
+    """The detector of `config.detector`; raises ConfigError for an unknown name."""
+    return _create("perception.detector", config.detector, DETECTORS, "uppm.detectors", config)
+
+
+def create_mask_generator(config: PerceptionConfig) -> MaskGenerator:
+    """The mask generator of `config.masks`; raises ConfigError for an unknown name."""
+    return _create("perception.masks", config.masks, MASK_GENERATORS, "uppm.masks", config)
+
+
+def _create(setting: str, name: str, table: Mapping[str, str], group: str, config: PerceptionConfig) -> Any:
+    plugins = {point.name: point.value for point in entry_points(group=group)}
+    known = {**plugins, **table}
+    if name not in known:
+        names = ", ".join(sorted(known))
+        raise ConfigError(setting, expected=f"one of {names}", found=repr(name), advice="correct the name")
+    module, _, attribute = known[name].partition(":")
+    return getattr(import_module(module), attribute)(config)

@@ -1,0 +1,156 @@
+"""A frame's smooth surface patches: what masks and structure are both made of.
+
+All is done on inverse depth w = 1 / z. A plane is affine in w over the image, so that second differences of w vanish on
+planes of any slant, and the noise of structured-light and time-of-flight sensors is nearly constant in w.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from uppm.core.types import Frame
+
+WORK_WIDTH = 320
+"""Frames are reduced to about this width, pixels; finer detail comes back with the colour edges."""
+MIN_STEP = 0.004
+"""Least second difference of inverse depth that counts as an edge, 1/m: 1.6 cm at 2 m."""
+NOISE_FACTOR = 5.0
+"""An edge stands out of the frame's own noise by so much."""
+CREASE_COS = float(np.cos(np.radians(22)))
+NORMAL_WINDOW = 5
+MIN_PATCH = 40
+"""Smaller patches are noise and stay without one, reduced pixels."""
+FILL_ROUNDS = 4
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Surfaces:
+    """Surface patches of one frame at reduced size (h, w)."""
+
+    scale: int
+    """Full-size pixels a reduced pixel, along each axis."""
+    points: npt.NDArray[np.float32]
+    """(h, w, 3), frame camera, metres; 0: invalid."""
+    normals: npt.NDArray[np.float32]
+    """(h, w, 3), unit, towards the camera; 0: unknown."""
+    patches: npt.NDArray[np.int32]
+    """(h, w); 0: none, else 1 to `count`."""
+    count: int
+    noise: float
+    """Standard deviation of the inverse depth, 1/m."""
+
+    @property
+    def depth(self) -> npt.NDArray[np.float32]:
+        return self.points[..., 2]
+
+
+@lru_cache(maxsize=1)
+def surfaces(frame: Frame) -> Surfaces:
+    """Patches of a frame; the last result is kept, since several stages ask for it."""
+    scale = max(1, round(frame.intrinsics.width / WORK_WIDTH))
+    depth = np.ascontiguousarray(frame.depth[::scale, ::scale])
+    inverse = _inverse_depth(depth)
+    noise, step = _step(inverse)
+    gradient = _gradient(inverse, step)
+    normals = _normals(frame, scale, inverse, gradient)
+    smooth = ~step & ~_creases(normals) & (inverse > 0)
+    patches, count = _components(smooth)
+    patches = _fill(patches, inverse, max(MIN_STEP, 3 * noise))
+    return Surfaces(
+        scale=scale, points=_points(frame, scale, depth), normals=normals, patches=patches, count=count, noise=noise
+    )
+
+
+def _inverse_depth(depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """1 / z with single-pixel holes closed from their neighbours; 0 where nothing is known."""
+    inverse = np.divide(1, depth, out=np.zeros_like(depth), where=depth > 0)
+    closed = cv2.dilate(inverse, np.ones((3, 3), np.uint8))
+    return np.where(inverse > 0, inverse, closed)
+
+
+def _step(inverse: npt.NDArray[np.float32]) -> tuple[float, npt.NDArray[np.bool_]]:
+    """Noise of the inverse depth, and the pixels where it bends or jumps more than that explains."""
+    bend = np.zeros_like(inverse)
+    bend[:, 1:-1] = np.abs(inverse[:, :-2] + inverse[:, 2:] - 2 * inverse[:, 1:-1])
+    np.maximum(bend[1:-1], np.abs(inverse[:-2] + inverse[2:] - 2 * inverse[1:-1]), out=bend[1:-1])
+    valid = inverse > 0
+    # The median of the larger of two half-normal values is 1.05 of one's deviation, itself sqrt(6) of the noise.
+    noise = float(np.median(bend[valid])) / (1.05 * np.sqrt(6)) if valid.any() else 0.0
+    return noise, bend > max(MIN_STEP, NOISE_FACTOR * np.sqrt(6) * noise)
+
+
+def _gradient(inverse: npt.NDArray[np.float32], step: npt.NDArray[np.bool_]) -> npt.NDArray[np.float32]:
+    """(h, w, 2): mean slope of the inverse depth around each pixel, steps left out."""
+    keep = (~step & (inverse > 0)).astype(np.float32)
+    window = (NORMAL_WINDOW, NORMAL_WINDOW)
+    share = cv2.boxFilter(keep, -1, window)
+    slopes = []
+    for dx, dy in ((1, 0), (0, 1)):
+        slope = cv2.Sobel(inverse, cv2.CV_32F, dx, dy, ksize=1, scale=0.5)
+        slopes.append(cv2.boxFilter(slope * keep, -1, window) / np.maximum(share, 1e-6))
+    return np.stack(slopes, axis=-1)
+
+
+def _pixel_grid(frame: Frame, scale: int) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Full-size pixel coordinates (1, w) and (h, 1), from the principal point."""
+    k = frame.intrinsics
+    u = np.arange(0, k.width, scale, dtype=np.float32)[None, :] - np.float32(k.cx)
+    v = np.arange(0, k.height, scale, dtype=np.float32)[:, None] - np.float32(k.cy)
+    return u, v
+
+
+def _normals(
+    frame: Frame, scale: int, inverse: npt.NDArray[np.float32], gradient: npt.NDArray[np.float32]
+) -> npt.NDArray[np.float32]:
+    """The plane w = w0 + gu (u - u0) + gv (v - v0) has the normal (fx gu, fy gv, w at the principal point)."""
+    u, v = _pixel_grid(frame, scale)
+    gu, gv = gradient[..., 0] / scale, gradient[..., 1] / scale
+    normals = np.stack([frame.intrinsics.fx * gu, frame.intrinsics.fy * gv, inverse - gu * u - gv * v], axis=-1)
+    length = np.linalg.norm(normals, axis=-1, keepdims=True)
+    return np.where((inverse > 0)[..., None], -normals / np.maximum(length, 1e-9), 0).astype(np.float32)
+
+
+def _points(frame: Frame, scale: int, depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    u, v = _pixel_grid(frame, scale)
+    x, y = u / frame.intrinsics.fx * depth, v / frame.intrinsics.fy * depth
+    return np.stack([x, y, depth], axis=-1).astype(np.float32)
+
+
+def _creases(normals: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+    """Pixels whose normals turn by more than the crease angle from one side to the other."""
+    crease = np.zeros(normals.shape[:2], dtype=bool)
+    crease[:, 2:-2] = np.einsum("hwc,hwc->hw", normals[:, :-4], normals[:, 4:]) < CREASE_COS
+    crease[2:-2] |= np.einsum("hwc,hwc->hw", normals[:-4], normals[4:]) < CREASE_COS
+    return crease
+
+
+def _components(smooth: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.int32], int]:
+    """Connected smooth regions of at least MIN_PATCH pixels, numbered from 1, largest first."""
+    total, ids, stats, _ = cv2.connectedComponentsWithStats(smooth.astype(np.uint8), connectivity=4)
+    areas = stats[1:, cv2.CC_STAT_AREA]
+    order = np.argsort(-areas, kind="stable")
+    order = order[areas[order] >= MIN_PATCH]
+    renumber = np.zeros(total, dtype=np.int32)
+    renumber[order + 1] = np.arange(1, len(order) + 1)
+    return renumber[ids], len(order)
+
+
+def _fill(patches: npt.NDArray[np.int32], inverse: npt.NDArray[np.float32], limit: float) -> npt.NDArray[np.int32]:
+    """Grow the patches over edge pixels, each taking the neighbour that is nearest in inverse depth."""
+    filled = cv2.copyMakeBorder(patches, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
+    values = cv2.copyMakeBorder(inverse, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
+    for _ in range(FILL_ROUNDS):
+        rows, columns = np.nonzero((filled[1:-1, 1:-1] == 0) & (inverse > 0))
+        around = [(rows + 1 + dy, columns + 1 + dx) for dy, dx in ((0, 1), (0, -1), (1, 0), (-1, 0))]
+        ids = np.stack([filled[at] for at in around])
+        gaps = np.stack([np.abs(values[at] - inverse[rows, columns]) for at in around])
+        gaps[ids == 0] = np.inf
+        best = gaps.argmin(axis=0)
+        chosen = np.where(gaps.min(axis=0) < limit, ids[best, np.arange(len(best))], 0)
+        filled[rows + 1, columns + 1] = chosen
+    return filled[1:-1, 1:-1].copy()
