@@ -1,0 +1,151 @@
+"""The core's records as rows of the map file, and back."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from uppm.core.types import (
+    Category,
+    DynamicDescriptor,
+    FrameRecord,
+    LabelRecord,
+    Provenance,
+    Report,
+    Submap,
+    SubmapKind,
+    SubmapState,
+)
+
+Row = Sequence[Any]
+
+
+def pose_blob(pose: npt.NDArray[np.float64]) -> bytes:
+    """16 little-endian float64, row by row."""
+    return np.ascontiguousarray(pose, dtype="<f8").tobytes()
+
+
+def pose_array(blob: bytes) -> npt.NDArray[np.float64]:
+    """Inverse of `pose_blob`."""
+    return np.frombuffer(blob, dtype="<f8").reshape(4, 4).astype(np.float64)
+
+
+def category_row(category: Category) -> Row:
+    return category.id, category.name, category.supercategory, int(category.is_thing), category.voxel_size
+
+
+def submap_row(s: Submap) -> Row:
+    """Columns of `submaps` in order; SQLite keeps NaN bounds as NULL."""
+    d = s.descriptor
+    described = (d.category.id, d.confidence) if d else (None, None)
+    shape = (s.voxel_size, s.truncation, pose_blob(s.T_map_submap))
+    history = (s.first_frame, s.last_frame, s.views, s.misses, s.evidence)
+    return s.id, s.kind.value, s.state.value, *described, *shape, *history, *s.bounds.ravel().tolist()
+
+
+def label_rows(submap: Submap) -> list[Row]:
+    records = submap.descriptor.labels if submap.descriptor else ()
+    return [
+        (submap.id, i, r.text, r.category, r.count, r.weight, _joined(r.provenance), r.first_frame, r.last_frame)
+        for i, r in enumerate(records)
+    ]
+
+
+def _joined(provenance: Iterable[Provenance]) -> str:
+    return ",".join(p.value for p in provenance)
+
+
+def frame_row(frame: FrameRecord) -> Row:
+    pose = None if frame.T_map_camera is None else pose_blob(frame.T_map_camera)
+    return frame.index, frame.stamp, pose, frame.skipped
+
+
+def report_rows(report: Report) -> list[Row]:
+    rows: list[Row] = [("frames", "", report.frames)]
+    for section in ("skipped", "dropped", "seconds"):
+        rows += [(section, reason, value) for reason, value in getattr(report, section).items()]
+    return rows
+
+
+def read_categories(rows: Iterable[Row]) -> dict[int, Category]:
+    return {r[0]: Category(id=r[0], name=r[1], supercategory=r[2], is_thing=bool(r[3]), voxel_size=r[4]) for r in rows}
+
+
+def read_labels(rows: Iterable[Row]) -> dict[int, list[LabelRecord]]:
+    """Submap id -> labels, from rows in the order of their position."""
+    labels: dict[int, list[LabelRecord]] = {}
+    for submap, _, text, category, count, weight, provenance, first, last in rows:
+        record = LabelRecord(
+            text=text,
+            category=category,
+            count=count,
+            weight=weight,
+            provenance=tuple(Provenance(p) for p in provenance.split(",") if p),
+            first_frame=first,
+            last_frame=last,
+        )
+        labels.setdefault(submap, []).append(record)
+    return labels
+
+
+def read_submap(row: Row, categories: Mapping[int, Category], labels: Mapping[int, Sequence[LabelRecord]]) -> Submap:
+    """A row of `submaps` with its category and labels."""
+    id_, kind, state, category, confidence, voxel_size, truncation, pose, first, last, views, misses, evidence = row[
+        :13
+    ]
+    descriptor = None
+    if category is not None:
+        descriptor = DynamicDescriptor(
+            labels=tuple(labels.get(id_, ())), category=categories[category], confidence=confidence
+        )
+    return Submap(
+        id=id_,
+        kind=SubmapKind(kind),
+        state=SubmapState(state),
+        descriptor=descriptor,
+        voxel_size=voxel_size,
+        truncation=truncation,
+        T_map_submap=pose_array(pose),
+        first_frame=first,
+        last_frame=last,
+        views=views,
+        misses=misses,
+        evidence=evidence,
+        bounds=np.array(row[13:19], dtype=np.float64).reshape(2, 3),
+    )
+
+
+def read_frame(row: Row) -> FrameRecord:
+    index, stamp, pose, skipped = row
+    return FrameRecord(
+        index=index, stamp=stamp, T_map_camera=None if pose is None else pose_array(pose), skipped=skipped
+    )
+
+
+def read_report(rows: Iterable[Row]) -> Report:
+    sections: dict[str, dict[str, float]] = {"frames": {}, "skipped": {}, "dropped": {}, "seconds": {}}
+    for section, reason, value in rows:
+        sections[section][reason] = value
+    counts = {name: {k: int(v) for k, v in sections[name].items()} for name in ("skipped", "dropped")}
+    return Report(frames=int(sections["frames"].get("", 0)), seconds=sections["seconds"], **counts)
+
+
+def upsert_submaps(db: sqlite3.Connection, submaps: Sequence[Submap]) -> None:
+    """Write all submaps with categories and labels; delete those that vanished (their blocks follow by cascade)."""
+    gone = {row[0] for row in db.execute("SELECT id FROM submaps")} - {s.id for s in submaps}
+    db.executemany("DELETE FROM submaps WHERE id = ?", [(id_,) for id_ in gone])
+    categories = {s.descriptor.category.id: s.descriptor.category for s in submaps if s.descriptor}
+    db.executemany("INSERT OR REPLACE INTO categories VALUES (?, ?, ?, ?, ?)", map(category_row, categories.values()))
+    names = [row[1] for row in db.execute("PRAGMA table_info(submaps)")]
+    updates = ", ".join(f"{name} = excluded.{name}" for name in names[1:])
+    holes = ", ".join("?" * len(names))
+    # Not INSERT OR REPLACE: replacing is deleting, and would take the blocks along.
+    statement = f"INSERT INTO submaps VALUES ({holes}) ON CONFLICT (id) DO UPDATE SET {updates}"
+    db.executemany(statement, map(submap_row, submaps))
+    db.execute("DELETE FROM labels")
+    rows = [row for submap in submaps for row in label_rows(submap)]
+    db.executemany("INSERT INTO labels VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", rows)

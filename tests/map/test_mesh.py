@@ -1,0 +1,128 @@
+"""Meshes against analytic truth."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from tests.map.scenes import blocks_of, box, plane, sphere, submap_of
+from uppm.core.geometry import invert, transform
+from uppm.core.types import Mesh, VoxelBlocks
+from uppm.map.mesh import merged, submap_mesh
+
+
+def boundary_edges(mesh: Mesh) -> np.ndarray:
+    """Edges (E, 2) that only one face has."""
+    edges = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    unique, counts = np.unique(edges, axis=0, return_counts=True)
+    assert counts.max() <= 2, "an edge with more than two faces"
+    return unique[counts == 1]
+
+
+def volume(mesh: Mesh) -> float:
+    a, b, c = (mesh.vertices[mesh.faces[:, i]].astype(np.float64) for i in range(3))
+    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6)
+
+
+@pytest.mark.parametrize("center", [(0.0, 0.0, 0.0), (0.013, -0.021, 0.007)])
+def test_sphere_is_closed_and_where_it_should_be(center: tuple[float, float, float]) -> None:
+    radius, voxel = 0.9, 0.02
+    submap = submap_of(1, voxel=voxel)
+    mesh = submap_mesh(submap, blocks_of(sphere(center, radius), (-1, -1, -1), (1, 1, 1), voxel))
+    local = transform(invert(submap.T_map_submap), mesh.vertices) - center
+    error = np.abs(np.linalg.norm(local, axis=1) - radius)
+    assert error.max() < 0.02 * voxel
+    assert len(boundary_edges(mesh)) == 0
+    outward = local / np.linalg.norm(local, axis=1, keepdims=True)
+    assert np.einsum("ij,ij->i", outward, mesh.normals).min() > 0.97
+    moved = dataclasses.replace(mesh, vertices=local.astype(np.float32))
+    assert volume(moved) == pytest.approx(4 / 3 * np.pi * radius**3, rel=2e-3)
+
+
+def test_plane_over_many_blocks_has_edges_only_at_its_rim() -> None:
+    voxel = 0.05
+    submap = submap_of(1, voxel=voxel)
+    mesh = submap_mesh(submap, blocks_of(plane((0, 0, 1), 0.1), (-6, -6, -1), (6, 6, 1), voxel))
+    local = transform(invert(submap.T_map_submap), mesh.vertices)
+    rim = local[boundary_edges(mesh)].mean(axis=1)
+    assert len(rim) > 0
+    assert (np.abs(rim[:, :2]).max(axis=1) > np.abs(local[:, :2]).max() - 1e-6).all()
+    np.testing.assert_allclose(local[:, 2], 0.1, atol=1e-5)
+
+
+def test_slanted_plane_crosses_tiles_without_cracks() -> None:
+    voxel, low, high = 0.03, (-2.4, -2.4, -4), (2.4, 2.4, 4)
+    submap = submap_of(1, voxel=voxel)
+    mesh = submap_mesh(submap, blocks_of(plane((0.3, -0.7, 1), 0.0), low, high, voxel))
+    local = transform(invert(submap.T_map_submap), mesh.vertices)
+    rim = local[boundary_edges(mesh)].reshape(-1, 3)
+    assert (np.abs(rim[:, :2]).max(axis=1) > 2.35).all()
+
+
+def test_touching_boxes_of_two_submaps_stay_two_closed_surfaces() -> None:
+    voxel = 0.02
+    submap = submap_of(1, voxel=voxel)
+    boxes = [box((0, 0, 0), (0.3, 0.2, 0.25)), box((0.3, 0, 0), (0.5, 0.2, 0.25))]
+    meshes = [submap_mesh(submap, blocks_of(b, (-0.2, -0.2, -0.2), (0.8, 0.5, 0.5), voxel)) for b in boxes]
+    for mesh, expected in zip(meshes, (0.3, 0.2), strict=True):
+        assert len(boundary_edges(mesh)) == 0
+        np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0)[0], expected, atol=0.2 * voxel)
+    both = merged(meshes)
+    assert len(both.faces) == sum(len(m.faces) for m in meshes)
+    assert volume(both) == pytest.approx(0.5 * 0.2 * 0.25, rel=0.05)
+
+
+def test_only_the_part_that_belongs_is_meshed() -> None:
+    voxel = 0.05
+    blocks = blocks_of(plane((0, 0, 1), 0.1), (-2, -2, -1), (2, 2, 1), voxel)
+    belonging = np.zeros_like(blocks.belonging)
+    x = (8 * blocks.coords[:, 0, None] + np.arange(8) + 0.5) * voxel
+    belonging[..., 1] = (x > 0)[:, :, None, None]
+    submap = submap_of(1, voxel=voxel)
+    mesh = submap_mesh(submap, dataclasses.replace(blocks, belonging=belonging))
+    local = transform(invert(submap.T_map_submap), mesh.vertices)
+    # The last own voxel is centred half a voxel before 0; the cell after it has two or more own corners.
+    assert local[:, 0].max() == pytest.approx(voxel / 2, abs=1e-6)
+    assert local[:, 0].min() < -1.9
+
+
+def test_unobserved_corners_leave_a_hole() -> None:
+    voxel = 0.05
+    blocks = blocks_of(plane((0, 0, 1), 0.1), (-2, -2, -1), (2, 2, 1), voxel)
+    weight = blocks.weight.copy()
+    weight[len(weight) // 2, 3, 3, :] = 0
+    submap = submap_of(1, voxel=voxel)
+    whole, holed = submap_mesh(submap, blocks), submap_mesh(submap, dataclasses.replace(blocks, weight=weight))
+    assert len(whole.faces) - len(holed.faces) == 8  # Four cells of two triangles meet at one voxel of the plane.
+
+
+def test_colors_are_interpolated() -> None:
+    voxel = 0.02
+    submap = submap_of(1, voxel=voxel)
+    mesh = submap_mesh(submap, blocks_of(sphere((0, 0, 0), 0.3), (-0.5,) * 3, (0.5,) * 3, voxel))
+    local = transform(invert(submap.T_map_submap), mesh.vertices)
+    np.testing.assert_allclose(mesh.colors, 128 + 100 * np.sin(5 * local), atol=2.0)
+
+
+def test_surface_exactly_on_voxel_centres_has_no_degenerate_triangle() -> None:
+    voxel = 0.02
+    submap = submap_of(1, voxel=voxel)
+    mesh = submap_mesh(submap, blocks_of(plane((0, 0, 1), 0.01), (-0.3,) * 3, (0.3,) * 3, voxel))
+    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+    assert np.linalg.norm(np.cross(b - a, c - a), axis=1).min() > 1e-2 * voxel**2
+    assert max(Counter(map(tuple, mesh.vertices.tolist())).values()) == 1
+
+
+def test_no_blocks_no_mesh() -> None:
+    empty = VoxelBlocks(
+        coords=np.empty((0, 3), np.int32),
+        distance=np.empty((0, 8, 8, 8), np.int16),
+        weight=np.empty((0, 8, 8, 8), np.float32),
+        color=np.empty((0, 8, 8, 8, 3), np.uint8),
+        belonging=np.empty((0, 8, 8, 8, 2), np.uint8),
+    )
+    assert len(submap_mesh(submap_of(1), empty).faces) == 0
+    assert len(merged([]).faces) == 0
