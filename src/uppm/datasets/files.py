@@ -198,6 +198,8 @@ def paired(color: dict[int, Path], depth: dict[int, Path], where: Path) -> list[
 def read_ids(path: Readable) -> npt.NDArray[np.int32]:
     """(H, W) instance image of an 8- or 16-bit PNG."""
     ids = decode(read_bytes(path), str(path), cv2.IMREAD_UNCHANGED)
+    if ids.ndim == 3 and (ids == ids[..., :1]).all():
+        ids = ids[..., 0]
     if ids.ndim != 2 or ids.dtype not in (np.uint8, np.uint16):
         found = f"an image of {ids.dtype} with shape {ids.shape}"
         raise BadFrameError(str(path), expected="an 8- or 16-bit id image", found=found, advice="export it again")

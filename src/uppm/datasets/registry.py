@@ -15,6 +15,11 @@ READERS = {
     "frames": "uppm.datasets.frames:Frames",
     "7scenes": "uppm.datasets.seven_scenes:SevenScenes",
     "hololens": "uppm.datasets.hololens:HoloLens",
+    "tum": "uppm.datasets.tum:Tum",
+    "replica": "uppm.datasets.replica:Replica",
+    "scannet": "uppm.datasets.scannet:ScanNet",
+    "3rscan": "uppm.datasets.three_rscan:ThreeRScan",
+    "panmap-flat": "uppm.datasets.panmap_flat:PanmapFlat",
 }
 """Format -> reader; plug-ins add theirs under the entry-point group `uppm.readers`."""
 

@@ -1,0 +1,113 @@
+"""TUM RGB-D (Sturm et al. 2012): lists of images with times, poses as translation and quaternion."""
+
+from __future__ import annotations
+
+import re
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from uppm.core.errors import InputError
+from uppm.core.types import Intrinsics
+from uppm.datasets import files
+from uppm.datasets.sequence import RawFrame, RawSequence
+
+MAX_GAP = 0.02
+"""Seconds between what belongs together (the benchmark's own limit)."""
+
+PUBLISHED = {
+    "1": (517.3, 516.5, 318.6, 255.3),
+    "2": (520.9, 521.0, 325.1, 249.7),
+    "3": (535.4, 539.2, 320.1, 247.6),
+}
+"""fx, fy, cx, cy of the benchmark's three cameras at 640x480."""
+
+
+class Tum:
+    looks_for = "rgb.txt, depth.txt, groundtruth.txt"
+
+    @staticmethod
+    def matches(path: Path) -> bool:
+        return (path / "rgb.txt").exists() and (path / "depth.txt").exists()
+
+    @staticmethod
+    def read(path: Path) -> RawSequence:
+        color_times, color = _image_list(path / "rgb.txt")
+        depth_times, depth = _image_list(path / "depth.txt")
+        pose_times, poses = _trajectory(path / "groundtruth.txt")
+        of_depth, of_pose = _nearest(color_times, depth_times), _nearest(color_times, pose_times)
+        used = np.flatnonzero((of_depth >= 0) & (of_pose >= 0))
+        if not used.size:
+            found = f"{len(color)} colour, {len(depth)} depth images and {len(poses)} poses with no common time"
+            advice = "check that the three files use one clock"
+            raise InputError(path, expected=f"times within {MAX_GAP} s", found=found, advice=advice)
+        frames = [
+            RawFrame(
+                where=f"{path}, {color[i]}",
+                stamp=float(color_times[i]),
+                color=partial(files.read_color, path / color[i]),
+                depth=partial(files.read_depth, path / depth[of_depth[i]]),
+                pose=poses[of_pose[i]].copy,
+            )
+            for i in used
+        ]
+        size = files.common_size([path / name for name in color], [path / name for name in depth], path)
+        camera, source = _intrinsics(path, size)
+        return RawSequence(
+            format="tum",
+            name=path.resolve().name,
+            frames=frames,
+            color=camera,
+            depth=camera,
+            depth_scale=5000.0,
+            quaternions=True,
+            intrinsics_source=source,
+        )
+
+
+def _rows(path: Path) -> list[list[str]]:
+    lines = (line.strip() for line in files.read_text(path).splitlines())
+    return [line.replace(",", " ").split() for line in lines if line and not line.startswith("#")]
+
+
+def _image_list(path: Path) -> tuple[npt.NDArray[np.float64], list[str]]:
+    rows = _rows(path)
+    values = files.parse_numbers(" ".join(row[0] for row in rows))
+    if not rows or values is None or any(len(row) != 2 for row in rows):
+        found, advice = "other lines" if rows else "no line", "see docs/datasets.md"
+        raise InputError(path, expected="lines of a time and a file name", found=found, advice=advice)
+    return values, [row[1] for row in rows]
+
+
+def _trajectory(path: Path) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    rows = _rows(path)
+    values = files.parse_numbers(" ".join(" ".join(row) for row in rows))
+    if not rows or values is None or any(len(row) != 8 for row in rows):
+        found, advice = "other lines" if rows else "no line", "see docs/datasets.md"
+        raise InputError(path, expected="lines of time tx ty tz qx qy qz qw", found=found, advice=advice)
+    table = values.reshape(-1, 8)
+    return table[:, 0], table[:, 1:]
+
+
+def _nearest(times: npt.NDArray[np.float64], others: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
+    """Index of the other time nearest to each time; -1 where it is more than `MAX_GAP` away."""
+    order = np.argsort(others)
+    place = np.searchsorted(others[order], times).clip(1, max(len(others) - 1, 1))
+    before, after = order[place - 1], order[np.minimum(place, len(others) - 1)]
+    nearest = np.where(np.abs(others[before] - times) <= np.abs(others[after] - times), before, after)
+    return np.where(np.abs(others[nearest] - times) <= MAX_GAP, nearest, -1)
+
+
+def _intrinsics(path: Path, size: tuple[int, int]) -> tuple[Intrinsics, str]:
+    file = path / "intrinsics.txt"
+    camera = re.search(r"(?:freiburg|fr)([123])", path.resolve().name)
+    if not file.exists() and camera and size == (640, 480):
+        fx, fy, cx, cy = PUBLISHED[camera[1]]
+        return Intrinsics(fx=fx, fy=fy, cx=cx, cy=cy, width=640, height=480), f"TUM's freiburg{camera[1]} camera"
+    if not file.exists():
+        found = f"a folder {path.resolve().name!r} of {size[0]}x{size[1]} images that does not name TUM's camera"
+        advice = "write the 3x3 camera matrix there"
+        raise InputError(file, expected="intrinsics, or a freiburg1, 2 or 3 folder", found=found, advice=advice)
+    return files.read_intrinsics(file, size), str(file)
