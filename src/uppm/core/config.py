@@ -83,6 +83,26 @@ class FusionConfig(Section):
     category_policy: Literal["same", "compatible", "any"] = "compatible"
     min_cosine: float = Field(default=0.5, ge=-1, le=1)
     """Two categories are compatible where their embeddings agree at least so much."""
+    min_containment: float = Field(default=0.6, ge=0, le=1)
+    """Share of a segment on one submap's surface at which it joins it though its IoU is low."""
+    min_area: float = Field(default=12.0, ge=0)
+    """Area in voxel faces that a segment must cover to found a submap."""
+    votes: Literal["weighted", "count"] = "weighted"
+    """Votes for the category by score and distance, or one an observation."""
+    confirm_evidence: float = Field(default=1.0, ge=0)
+    """Sum of detection scores at which a tentative submap is confirmed."""
+    min_expected: int = Field(default=20, ge=1)
+    """Surface voxels that must be in view for a frame to count as a miss."""
+    max_misses: int = Field(default=5, ge=1)
+    """Misses in view after which a tentative submap is removed and a confirmed one becomes inactive."""
+    resample_confidence: float = Field(default=0.6, ge=0, le=1)
+    """Confidence of a category at which its size prior is taken over."""
+    resample_views: int = Field(default=4, ge=1)
+    """Views before a submap is resampled for the first time."""
+    merge_overlap: float = Field(default=0.4, ge=0, le=1)
+    """Share of one submap's surface that lies on another's at which the two are merged."""
+    min_surface: int = Field(default=12, ge=1)
+    """Surface voxels that a submap must hold at the end."""
     max_blocks: int = Field(default=2_000_000, ge=1024)
     """Address space of the block pool; memory is taken as blocks are used (5.6 kB each)."""
     threads: int = Field(default=2, ge=1)

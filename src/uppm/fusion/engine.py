@@ -1,0 +1,273 @@
+"""Unified panoptic fusion: one frame and its described segments into the multi-resolution multi-TSDF map."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from uppm.core.categories import unified_categories
+from uppm.core.config import FusionConfig
+from uppm.core.geometry import transform
+from uppm.core.types import (
+    DescribedSegmentation,
+    Frame,
+    Submap,
+    SubmapKind,
+    SubmapState,
+    VoxelBlocks,
+)
+from uppm.core.protocols import VoxelSource
+from uppm.fusion import descriptors, lifecycle, merging, tracking
+from uppm.fusion.resampling import resample
+from uppm.fusion.submaps import LiveSubmap
+from uppm.fusion.view import View, ViewFactory
+from uppm.fusion.volume import Volume
+
+FloatImage = npt.NDArray[np.float32]
+IdImage = npt.NDArray[np.int32]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Tracks:
+    """The submaps that a frame may show, and how its segments fall on them."""
+
+    submaps: tuple[LiveSubmap, ...]
+    blocks: npt.NDArray[np.int32]
+    overlap: npt.NDArray[np.int64]
+    """(submaps, segments + 1), pixels; column 0: unlabeled."""
+    observed: npt.NDArray[np.int64]
+    """(segments,), pixels with valid depth."""
+    depth: npt.NDArray[np.float64]
+    """(segments,), mean depth, metres."""
+
+
+class PanopticFusion:
+    """Holds the submaps and their volume, and fuses frames into them.
+
+    Parameters
+    ----------
+    config : FusionConfig
+    similarity : (C, C) float32
+        Cosine of the embeddings of each two unified categories, in the order of the category table.
+    """
+
+    def __init__(self, config: FusionConfig, similarity: npt.NDArray[np.float32]) -> None:
+        self._config, self._similarity = config, similarity
+        self._views = ViewFactory(config.depth_min, config.depth_max)
+        self._volume = Volume(
+            config.max_blocks, config.threads, config.max_weight, config.interpolation_max_step
+        )
+        self._row = {c.id: n for n, c in enumerate(unified_categories())}
+        self._submaps: dict[int, LiveSubmap] = {}
+        self._bounds: dict[int, npt.NDArray[np.float64]] = {}
+        self._freespace: LiveSubmap | None = None
+        self.next_id = 1
+        self.dropped: Counter[str] = Counter()
+        """Reason -> segments and submaps dropped so far."""
+
+    def fuse(self, frame: Frame, segmentation: DescribedSegmentation) -> IdImage:
+        """Fuse one frame. Returns the submap id of each pixel, (H, W), 0 where there is none."""
+        self._found_freespace(frame.index)
+        view = self._views.view(frame)
+        tracks = self._track(view, segmentation)
+        targets = self._associate(tracks, segmentation)
+        submaps = self._observe(frame, tracks, targets, segmentation)
+        self._miss(view, tracks, submaps)
+        slots = np.array([-1, *(s.slot if s else -1 for s in submaps)], dtype=np.int32)
+        slot_image = slots[segmentation.ids]
+        new = self._volume.allocate(view, slot_image)
+        # A removed or resampled submap's blocks may have been handed out again as new ones: each once.
+        blocks = np.unique(np.concatenate([self._integrable(tracks), new]))
+        self._volume.integrate(view, blocks, slot_image)
+        self._forget_bounds(blocks)
+        return np.array([0, *(s.id if s else 0 for s in submaps)], dtype=np.int32)[segmentation.ids]
+
+    def _found_freespace(self, frame: int) -> None:
+        if self._freespace is None:
+            size = self._config.freespace_voxel_size
+            self._freespace = self._add(SubmapKind.FREESPACE, size, frame)
+            self._freespace.state = SubmapState.CONFIRMED
+        self._freespace.last_frame = frame
+        self._freespace.views += 1
+
+    def _add(self, kind: SubmapKind, voxel_size: float, frame: int) -> LiveSubmap:
+        truncation = voxel_size * self._config.truncation
+        slot = self._volume.add(voxel_size, truncation, np.eye(4), kind is SubmapKind.FREESPACE)
+        submap = LiveSubmap(
+            id=self.next_id,
+            slot=slot,
+            kind=kind,
+            state=SubmapState.TENTATIVE,
+            descriptor=None,
+            voxel_size=voxel_size,
+            truncation=truncation,
+            first_frame=frame,
+            last_frame=frame,
+        )
+        self._submaps[submap.id] = submap
+        self.next_id += 1
+        return submap
+
+    def _track(self, view: View, segmentation: DescribedSegmentation) -> Tracks:
+        """Render all submaps into the view."""
+        submaps = tuple(self._submaps.values())
+        blocks = self._volume.visible(view, np.array([s.slot for s in submaps], dtype=np.int32))
+        solid = tuple(s for s in submaps if s.kind is not SubmapKind.FREESPACE)
+        slots = np.array([s.slot for s in solid], dtype=np.int32)
+        n = len(segmentation.descriptors)
+        overlap = self._volume.overlap(view, blocks, slots, segmentation.ids, n)
+        observed, depth = _measure(segmentation.ids, view.depth, n)
+        return Tracks(submaps=solid, blocks=blocks, overlap=overlap, observed=observed, depth=depth)
+
+    def _associate(self, tracks: Tracks, segmentation: DescribedSegmentation) -> npt.NDArray[np.intp]:
+        """Row in `tracks.submaps` of each segment, or NEW (paper equation 4)."""
+        c = self._config
+        of_submaps = np.array([self._row[s.category_id] for s in tracks.submaps], dtype=np.intp)
+        of_segments = np.array([self._row[d.category.id] for d in segmentation.descriptors], dtype=np.intp)
+        least = tracking.least_iou(
+            of_submaps, of_segments, self._similarity, c.category_policy, c.min_iou, c.min_cosine
+        )
+        is_object = np.array([s.kind is SubmapKind.OBJECT for s in tracks.submaps], dtype=np.bool_)
+        least[is_object[:, None] != np.array(segmentation.is_thing, dtype=np.bool_)[None, :]] = np.inf
+        targets = tracking.assign(tracking.iou_matrix(tracks.overlap, tracks.observed), least)
+        return tracking.join_contained(
+            targets, tracks.overlap, tracks.observed, np.isfinite(least), c.min_containment
+        )
+
+    def _observe(
+        self, frame: Frame, tracks: Tracks, targets: npt.NDArray[np.intp], segmentation: DescribedSegmentation
+    ) -> list[LiveSubmap | None]:
+        """Give each segment its submap, new ones included, and each submap its labels."""
+        out: list[LiveSubmap | None] = []
+        for n, e in enumerate(segmentation.descriptors):
+            submap = tracks.submaps[targets[n]] if targets[n] != tracking.NEW else None
+            if submap is None and self._founds(frame, e.voxel_size, int(tracks.observed[n]), tracks.depth[n]):
+                kind = SubmapKind.OBJECT if segmentation.is_thing[n] else SubmapKind.BACKGROUND
+                submap = self._add(kind, self._config.voxel_size or e.voxel_size, frame.index)
+            out.append(submap)
+            if submap is None:
+                self.dropped["segment too small to found a submap"] += 1
+                continue
+            weight = lifecycle.vote_weight(e.score, float(tracks.depth[n]), self._config)
+            submap.descriptor = descriptors.observe(submap.descriptor, e, frame.index, weight)
+            lifecycle.seen(submap, frame.index, e.score, self._config)
+            self._follow_size_prior(submap)
+        return out
+
+    def _founds(self, frame: Frame, voxel_size: float, pixels: int, depth: float) -> bool:
+        k = frame.intrinsics
+        return pixels >= lifecycle.min_pixels(voxel_size, depth, k.fx * k.fy, self._config)
+
+    def _follow_size_prior(self, submap: LiveSubmap) -> None:
+        """Resample a submap whose category has had another size prior for long enough not to flip back."""
+        d = submap.descriptor
+        if d is None or self._config.voxel_size or d.category.voxel_size == submap.voxel_size:
+            return
+        if d.confidence < self._config.resample_confidence or submap.views < self._config.resample_views:
+            return
+        size, truncation = d.category.voxel_size, d.category.voxel_size * self._config.truncation
+        blocks = self._volume.gather(self._volume.indices(submap.slot))
+        moved = resample(blocks, submap.voxel_size, submap.truncation, size, truncation)
+        self._volume.replace(submap.slot, size, truncation, moved)
+        submap.voxel_size, submap.truncation = size, truncation
+
+    def _miss(self, view: View, tracks: Tracks, seen: Sequence[LiveSubmap | None]) -> None:
+        """Negative evidence for objects that were in view and that no segment went to."""
+        found = {s.id for s in seen if s}
+        missing = [s for s in tracks.submaps if s.id not in found and s.kind is SubmapKind.OBJECT]
+        slots = np.array([s.slot for s in missing], dtype=np.int32)
+        blocks = tracks.blocks[np.isin(self._volume.pool.block_slot[tracks.blocks], slots)]
+        counts = self._volume.expected(view, blocks, slots)
+        for submap, (measured, through) in zip(missing, counts.tolist(), strict=True):
+            if lifecycle.missed(submap, measured, through, self._config):
+                self.dropped["tentative submap not seen again"] += 1
+                self.remove(submap.id)
+
+    def _integrable(self, tracks: Tracks) -> npt.NDArray[np.int32]:
+        """The visible blocks of submaps that still exist and are not inactive."""
+        p = self._volume.pool
+        inactive = [s.slot for s in tracks.submaps if s.state is SubmapState.INACTIVE]
+        slots = p.block_slot[tracks.blocks]
+        return tracks.blocks[(slots >= 0) & ~np.isin(slots, inactive)]
+
+    def _forget_bounds(self, blocks: npt.NDArray[np.int32]) -> None:
+        changed = set(np.unique(self._volume.pool.block_slot[blocks]).tolist())
+        for submap in self._submaps.values():
+            if submap.slot in changed:
+                self._bounds.pop(submap.id, None)
+
+    def remove(self, submap_id: int) -> None:
+        """Remove a submap with its voxels."""
+        self._volume.remove(self._submaps.pop(submap_id).slot)
+        self._bounds.pop(submap_id, None)
+
+    def finish(self) -> None:
+        """End the session: drop what was never confirmed or lost its surface, merge duplicates, return empty blocks."""
+        for submap in list(self._submaps.values()):
+            if submap.state is SubmapState.TENTATIVE:
+                self.dropped["tentative submap at the end"] += 1
+                self.remove(submap.id)
+        merging.merge_duplicates(self._submaps, self._volume, self._similarity, self._row, self._config, self.dropped)
+        for submap in list(self._submaps.values()):
+            if submap.kind is SubmapKind.FREESPACE:
+                continue
+            if len(self._volume.surface_points(submap.slot)) < self._config.min_surface:
+                self.dropped["submap without a surface of its own"] += 1
+                self.remove(submap.id)
+            else:
+                self._volume.prune(submap.slot)
+        self._bounds.clear()
+
+    def submaps(self) -> tuple[Submap, ...]:
+        """Records of all submaps, by id."""
+        return tuple(s.record(self._bounds_of(s)) for _, s in sorted(self._submaps.items()))
+
+    def _bounds_of(self, submap: LiveSubmap) -> npt.NDArray[np.float64]:
+        if submap.id not in self._bounds:
+            points = transform(submap.T_map_submap, self._volume.surface_points(submap.slot))
+            nothing = np.full((2, 3), np.nan)
+            self._bounds[submap.id] = np.stack([points.min(0), points.max(0)]) if len(points) else nothing
+        return self._bounds[submap.id]
+
+    def blocks(self, submap_id: int) -> VoxelBlocks:
+        """Copies of a submap's voxels."""
+        return self._volume.gather(self._volume.indices(self._submaps[submap_id].slot))
+
+    def changes(self) -> tuple[dict[int, VoxelBlocks], dict[int, npt.NDArray[np.int32]]]:
+        """Blocks written, and coordinates pruned, since the last call, by submap id."""
+        changed: dict[int, VoxelBlocks] = {}
+        pruned: dict[int, npt.NDArray[np.int32]] = {}
+        for submap in self._submaps.values():
+            blocks, gone = self._volume.changes(submap.slot)
+            if len(blocks):
+                changed[submap.id] = blocks
+            if len(gone):
+                pruned[submap.id] = gone
+        return changed, pruned
+
+    def restore(self, submaps: Iterable[Submap], source: VoxelSource, next_id: int) -> None:
+        """Go on from the records and voxels of a saved map; the fusion must be new."""
+        for record in submaps:
+            freespace = record.kind is SubmapKind.FREESPACE
+            slot = self._volume.add(record.voxel_size, record.truncation, record.T_map_submap, freespace)
+            self._submaps[record.id] = LiveSubmap.of(record, slot)
+            self._volume.put(slot, source.blocks(record.id))
+            if freespace:
+                self._freespace = self._submaps[record.id]
+        self.changes()
+        self.next_id = next_id
+
+
+def _measure(
+    ids: IdImage, depth: FloatImage, segments: int
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+    """Pixels with valid depth, and mean depth in metres, of each segment."""
+    valid = depth > 0
+    labels = ids[valid]
+    pixels = np.bincount(labels, minlength=segments + 1)[1:]
+    total = np.bincount(labels, weights=depth[valid], minlength=segments + 1)[1:]
+    return pixels, total / np.maximum(pixels, 1)

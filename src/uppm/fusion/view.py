@@ -1,0 +1,71 @@
+"""A frame prepared for the kernels: range image, depth tiles, rays, camera as single precision."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from uppm._kernels.camera import TILE, prepare_depth
+from uppm.core.geometry import invert, rays
+from uppm.core.types import Frame, Intrinsics
+
+Camera = tuple[np.float32, np.float32, np.float32, np.float32]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class View:
+    """What one frame offers to the volume; images are (H, W) unless said."""
+
+    depth: npt.NDArray[np.float32]
+    """Metres along the optical axis; 0: invalid or out of range."""
+    range_image: npt.NDArray[np.float32]
+    """Metres along the ray; 0: as above."""
+    rays: npt.NDArray[np.float32]
+    """(H, W, 3) at z = 1."""
+    color: npt.NDArray[np.uint8]
+    tile_min: npt.NDArray[np.float32]
+    """(ceil(H/16), ceil(W/16))."""
+    tile_max: npt.NDArray[np.float32]
+    camera: Camera
+    """fx, fy, cx, cy in pixels."""
+    T_camera_map: npt.NDArray[np.float64]
+    depth_max: np.float32
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        height, width = self.depth.shape
+        return height, width
+
+
+class ViewFactory:
+    """Makes views; keeps the rays of the camera seen last."""
+
+    def __init__(self, depth_min: float, depth_max: float) -> None:
+        self._limits = np.float32(depth_min), np.float32(depth_max)
+        self._intrinsics: Intrinsics | None = None
+        self._rays = np.empty((0, 0, 3), dtype=np.float32)
+
+    def view(self, frame: Frame) -> View:
+        """The frame with its depth limited to the configured range."""
+        if frame.intrinsics != self._intrinsics:
+            self._intrinsics, self._rays = frame.intrinsics, rays(frame.intrinsics)
+        height, width = frame.depth.shape
+        low, high = self._limits
+        tiles = (-(-height // TILE), -(-width // TILE))
+        range_image = np.empty_like(frame.depth)
+        tile_min, tile_max = np.empty(tiles, dtype=np.float32), np.empty(tiles, dtype=np.float32)
+        prepare_depth(frame.depth, self._rays, low, high, range_image, tile_min, tile_max)
+        k = frame.intrinsics
+        return View(
+            depth=np.where(range_image > 0, frame.depth, np.float32(0)),
+            range_image=range_image,
+            rays=self._rays,
+            color=frame.color,
+            tile_min=tile_min,
+            tile_max=tile_max,
+            camera=(np.float32(k.fx), np.float32(k.fy), np.float32(k.cx), np.float32(k.cy)),
+            T_camera_map=invert(frame.T_map_camera),
+            depth_max=high,
+        )

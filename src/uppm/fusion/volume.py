@@ -1,0 +1,262 @@
+"""The volume: every submap's voxels in one pool, and what a frame does to them."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from uppm._kernels import allocate as _allocate
+from uppm._kernels import associate as _associate
+from uppm._kernels.hashing import BLOCKS_PER_CHUNK, NONE, SLOT_LIMIT
+from uppm._kernels.integrate import holds_surface, integrate
+from uppm._kernels.surface import FULL, count_on_surface, surface_points
+from uppm._kernels.visible import visible_blocks
+from uppm.core.errors import UppmError
+from uppm.core.geometry import invert, transform
+from uppm.core.types import VOXELS_PER_SIDE, VoxelBlocks
+from uppm.fusion.pool import BlockPool
+from uppm.fusion.view import View
+
+Indices = npt.NDArray[np.int32]
+FREESPACE_RAY_STRIDE = 8
+"""Pixels between the rays that allocate freespace: at 5 m under 10 cm apart, far less than a 2.4 m block."""
+
+
+class Volume:
+    """Multi-resolution multi-TSDF over one block pool (method.md section 4).
+
+    A submap is known here by its slot; slots are used again after `remove`.
+    """
+
+    def __init__(self, max_blocks: int, threads: int, max_weight: float, max_step: float) -> None:
+        self.pool = BlockPool(max_blocks)
+        self._limits = np.float32(max_step), np.float32(max_weight)
+        self._threads = min(threads, numba.config.NUMBA_NUM_THREADS)  # pyright: ignore[reportAttributeAccessIssue]
+        self._head = np.full(64, NONE, dtype=np.int32)
+        self._voxel_size = np.zeros(64, dtype=np.float32)
+        self._truncation = np.zeros(64, dtype=np.float32)
+        self._T_map_submap = np.tile(np.eye(4), (64, 1, 1))
+        self._free = list(range(63, -1, -1))
+        self._freespace = NONE
+        self._pruned: dict[int, list[npt.NDArray[np.int32]]] = {}
+        self._wanted = np.empty((_allocate.STRIPES, 4096, 4), dtype=np.int64)
+
+    def add(self, voxel_size: float, truncation: float, T_map_submap: npt.NDArray[np.float64], freespace: bool) -> int:
+        """A new empty submap; sizes in metres. Returns its slot."""
+        if not self._free:
+            self._grow_slots()
+        slot = self._free.pop()
+        self._voxel_size[slot], self._truncation[slot] = voxel_size, truncation
+        self._T_map_submap[slot] = T_map_submap
+        self._freespace = slot if freespace else self._freespace
+        return slot
+
+    def _grow_slots(self) -> None:
+        n = len(self._head)
+        if 2 * n > SLOT_LIMIT:
+            raise UppmError(f"more than {SLOT_LIMIT} submaps at once; raise fusion.min_iou or the detector's score")
+        self._head = np.concatenate([self._head, np.full(n, NONE, dtype=np.int32)])
+        self._voxel_size = np.concatenate([self._voxel_size, np.zeros(n, dtype=np.float32)])
+        self._truncation = np.concatenate([self._truncation, np.zeros(n, dtype=np.float32)])
+        self._T_map_submap = np.concatenate([self._T_map_submap, np.tile(np.eye(4), (n, 1, 1))])
+        self._free = list(range(2 * n - 1, n - 1, -1))
+
+    def _T_camera_submap(self, view: View) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+        T = view.T_camera_map @ self._T_map_submap
+        return T[:, :3, :3].astype(np.float32), T[:, :3, 3].astype(np.float32)
+
+    def visible(self, view: View, slots: Indices) -> Indices:
+        """Pool indices of the blocks of these submaps that the view's rays can reach."""
+        p, (R, t) = self.pool, self._T_camera_submap(view)
+        out = np.empty(p.used, dtype=np.int32)
+        n = visible_blocks(
+            slots, self._head, p.chunk_next, p.chunk_coord, p.chunk_blocks, p.block_coord, p.has_surface,
+            R, t, self._voxel_size, self._truncation, view.camera, view.shape, view.depth_max,
+            view.tile_min, view.tile_max, out,
+        )  # fmt: skip
+        return out[:n]
+
+    def overlap(
+        self, view: View, blocks: Indices, slots: Indices, ids: npt.NDArray[np.int32], segments: int
+    ) -> npt.NDArray[np.int64]:
+        """Pixels where submap slots[i] is rendered, by segment id; (len(slots), segments + 1), in full-image pixels."""
+        p, (R, t) = self.pool, self._T_camera_submap(view)
+        surface = blocks[p.has_surface[blocks]]
+        counts = np.zeros((_associate.PARTS, len(slots), segments + 1), dtype=np.int32)
+        stride = max(1, round(view.shape[1] / 320))
+        _associate.count_overlap(
+            surface, self._rows(slots), view.depth, view.rays, ids, stride, view.camera, R, t,
+            self._voxel_size, self._truncation, p.block_coord, p.block_slot, p.distance, p.weight, p.belonging, counts,
+        )  # fmt: skip
+        return counts.sum(axis=0, dtype=np.int64) * stride**2
+
+    def expected(self, view: View, blocks: Indices, slots: Indices) -> npt.NDArray[np.int64]:
+        """Surface voxels of submap slots[i] that are measured where expected, and that are seen through; (n, 2)."""
+        p, (R, t) = self.pool, self._T_camera_submap(view)
+        surface = blocks[p.has_surface[blocks]]
+        counts = np.zeros((_associate.PARTS, len(slots), 2), dtype=np.int32)
+        _associate.count_expected(
+            surface, self._rows(slots), view.depth, view.camera, R, t, self._voxel_size, self._truncation,
+            p.block_coord, p.block_slot, p.distance, p.weight, p.belonging, counts,
+        )  # fmt: skip
+        return counts.sum(axis=0, dtype=np.int64)
+
+    def _rows(self, slots: Indices) -> Indices:
+        rows = np.full(len(self._head), NONE, dtype=np.int32)
+        rows[slots] = np.arange(len(slots))
+        return rows
+
+    def allocate(self, view: View, slot_image: npt.NDArray[np.int32]) -> Indices:
+        """Create the blocks of the truncation bands of all pixels, and freespace; returns the new pool indices."""
+        p, (R, t) = self.pool, self._T_camera_submap(view)
+        counts = np.zeros(_allocate.STRIPES, dtype=np.int64)
+        index = p.keys, p.values, p.chunk_blocks
+        while True:
+            _allocate.missing_blocks(
+                view.range_image, view.rays, slot_image, *index, R, t, self._voxel_size, self._truncation,
+                self._wanted, counts,
+            )  # fmt: skip
+            if counts.max() < self._wanted.shape[1]:
+                break
+            self._wanted = np.empty((_allocate.STRIPES, 2 * self._wanted.shape[1], 4), dtype=np.int64)
+        new = [self._add(self._wanted[i], int(n)) for i, n in enumerate(counts)]
+        if self._freespace != NONE:
+            f, wanted = self._freespace, self._wanted.reshape(-1, 4)
+            n = _allocate.missing_along_rays(
+                view.range_image, view.rays, FREESPACE_RAY_STRIDE, f, *index, R[f], t[f],
+                self._voxel_size[f] * np.float32(VOXELS_PER_SIDE), self._truncation[f], wanted,
+            )  # fmt: skip
+            new.append(self._add(wanted, n))
+        return np.concatenate(new)
+
+    def _add(self, wanted: npt.NDArray[np.int64], n: int) -> Indices:
+        p, out = self.pool, np.empty(n, dtype=np.int32)
+        count = _allocate.add_blocks(
+            wanted, n, p.keys, p.values, self._head, p.chunk_next, p.chunk_prev, p.chunk_coord, p.chunk_slot,
+            p.chunk_blocks, p.chunk_used, p.free_chunks, p.block_coord, p.block_slot, p.free_blocks, p.state, out,
+        )  # fmt: skip
+        if count < 0:
+            raise UppmError(f"the map needs more than {p.capacity} blocks; raise fusion.max_blocks")
+        new = out[:count]
+        p.distance[new], p.weight[new], p.color[new], p.belonging[new] = 0, 0, 0, 0
+        p.has_surface[new], p.dirty[new] = False, True
+        return new
+
+    def integrate(self, view: View, blocks: Indices, slot_image: npt.NDArray[np.int32]) -> None:
+        """Update the voxels of these blocks with the view; slot_image (H, W): each pixel's submap slot or -1."""
+        p, (R, t) = self.pool, self._T_camera_submap(view)
+        max_step, max_weight = self._limits
+        numba.set_num_threads(self._threads)
+        integrate(
+            blocks, view.range_image, slot_image, view.color, view.camera, max_step, max_weight, self._freespace,
+            R, t, self._voxel_size, self._truncation,
+            p.block_coord, p.block_slot, p.distance, p.weight, p.color, p.belonging, p.has_surface, p.dirty,
+        )  # fmt: skip
+
+    def indices(self, slot: int) -> Indices:
+        """Pool indices of all blocks of a submap, sorted by coordinates."""
+        p, found, chunk = self.pool, [], self._head[slot]
+        while chunk != NONE:
+            blocks = p.chunk_blocks[chunk, :BLOCKS_PER_CHUNK]
+            found.append(blocks[blocks != NONE])
+            chunk = p.chunk_next[chunk]
+        if not found:
+            return np.empty(0, dtype=np.int32)
+        blocks = np.concatenate(found)
+        return blocks[np.lexsort(p.block_coord[blocks].T[::-1])]
+
+    def surface_points(self, slot: int) -> npt.NDArray[np.float64]:
+        """Centres (N, 3) of a submap's surface voxels, at most half a voxel from the surface; frame submap, metres."""
+        p, blocks = self.pool, self.indices(slot)
+        blocks = blocks[p.has_surface[blocks]]
+        out = np.empty((64 * len(blocks), 3))
+        arrays = blocks, p.block_coord, p.distance, p.weight, p.belonging, self._limit(slot, 0.5)
+        n = surface_points(*arrays, float(self._voxel_size[slot]), out)
+        if n > len(out):
+            out = np.empty((n, 3))
+            surface_points(*arrays, float(self._voxel_size[slot]), out)
+        return out[:n]
+
+    def share_on_surface(self, points: npt.NDArray[np.float64], slot: int) -> float:
+        """Share of points (N, 3), frame map, that lie within a voxel of a submap's own surface."""
+        p, local = self.pool, transform(invert(self._T_map_submap[slot]), points)
+        count = count_on_surface(
+            local, slot, p.keys, p.values, p.chunk_blocks, p.distance, p.weight, p.belonging,
+            self._limit(slot, 1.0), float(self._voxel_size[slot]),
+        )  # fmt: skip
+        return count / max(1, len(points))
+
+    def _limit(self, slot: int, voxels: float) -> int:
+        """A distance in voxels in the fixed point of a submap's distances."""
+        return int(FULL * voxels * self._voxel_size[slot] / self._truncation[slot])
+
+    def gather(self, blocks: Indices) -> VoxelBlocks:
+        """Copies of the voxels of these blocks, which must be one submap's."""
+        p = self.pool
+        return VoxelBlocks(
+            coords=p.block_coord[blocks],
+            distance=p.distance[blocks],
+            weight=p.weight[blocks],
+            color=p.color[blocks],
+            belonging=p.belonging[blocks],
+        )
+
+    def put(self, slot: int, blocks: VoxelBlocks) -> None:
+        """Write voxels into a submap, replacing blocks that exist."""
+        if not len(blocks):
+            return
+        p, n = self.pool, len(blocks)
+        wanted = np.column_stack([np.full(n, slot), blocks.coords]).astype(np.int64)
+        self._add(wanted, n)
+        at = self.indices(slot)
+        at = at[_positions(p.block_coord[at], blocks.coords)]
+        p.distance[at], p.weight[at], p.color[at] = blocks.distance, blocks.weight, blocks.color
+        p.belonging[at], p.dirty[at] = blocks.belonging, True
+        one_voxel = self._limit(slot, 1.0)
+        for b in at:
+            p.has_surface[b] = holds_surface(p.distance[b], p.weight[b], p.belonging[b], one_voxel)
+
+    def drop(self, slot: int, blocks: Indices) -> None:
+        """Return blocks of a submap to the pool."""
+        p = self.pool
+        self._pruned.setdefault(slot, []).append(p.block_coord[blocks].copy())
+        _allocate.drop_blocks(
+            blocks, p.keys, p.values, self._head, p.chunk_next, p.chunk_prev, p.chunk_coord, p.chunk_slot,
+            p.chunk_blocks, p.chunk_used, p.free_chunks, p.block_coord, p.block_slot, p.free_blocks, p.state,
+        )  # fmt: skip
+
+    def prune(self, slot: int) -> None:
+        """Return the blocks of a submap that hold no part of a truncation band."""
+        p, blocks = self.pool, self.indices(slot)
+        band = (p.weight[blocks] > 0) & (np.abs(p.distance[blocks]) < FULL)
+        self.drop(slot, blocks[~band.any(axis=(1, 2, 3))])
+
+    def replace(self, slot: int, voxel_size: float, truncation: float, blocks: VoxelBlocks) -> None:
+        """Give a submap other voxels at another voxel size; metres."""
+        self.drop(slot, self.indices(slot))
+        self._voxel_size[slot], self._truncation[slot] = voxel_size, truncation
+        self.put(slot, blocks)
+
+    def remove(self, slot: int) -> None:
+        """Return a submap's blocks and its slot."""
+        self.drop(slot, self.indices(slot))
+        self._pruned.pop(slot, None)
+        self._free.append(slot)
+
+    def changes(self, slot: int) -> tuple[VoxelBlocks, npt.NDArray[np.int32]]:
+        """Blocks written and coordinates (N, 3) pruned since the last call for this submap."""
+        blocks = self.indices(slot)
+        blocks = blocks[self.pool.dirty[blocks]]
+        self.pool.dirty[blocks] = False
+        pruned = self._pruned.pop(slot, [])
+        return self.gather(blocks), np.concatenate(pruned) if pruned else np.empty((0, 3), dtype=np.int32)
+
+
+def _positions(rows: npt.NDArray[np.int32], wanted: npt.NDArray[np.int32]) -> npt.NDArray[np.intp]:
+    """Index of each wanted row (M, 3) among sorted unique rows (N, 3)."""
+    span = np.int64(1) << 21
+    def pack(c: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
+        c64 = c.astype(np.int64) + (span >> 1)
+        return (c64[:, 0] * span + c64[:, 1]) * span + c64[:, 2]
+    return np.searchsorted(pack(rows), pack(wanted))
