@@ -59,7 +59,7 @@ def blocks_of(
     axes = [np.arange(np.floor(a / side), np.ceil(b / side)) for a, b in zip(low, high, strict=True)]
     coords = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3).astype(np.int32)
     voxels = np.stack(np.meshgrid(*[np.arange(8)] * 3, indexing="ij"), axis=-1)
-    points = (8 * coords[:, None, None, None, :] + voxels + 0.5) * voxel
+    points: Points = (8 * coords[:, None, None, None, :] + voxels + 0.5) * np.float64(voxel)
     distance = sdf(points) / (2 * voxel)
     near = (np.abs(distance) < 1).any(axis=(1, 2, 3))
     points, distance = points[near], distance[near]

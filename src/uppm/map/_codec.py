@@ -41,7 +41,10 @@ def decode(coords: npt.NDArray[np.int32], frames: Sequence[bytes]) -> VoxelBlock
     decompressor = zstandard.ZstdDecompressor()
     for row, frame in zip(raw, frames, strict=True):
         try:
-            row[:] = np.frombuffer(decompressor.decompress(frame, max_output_size=BLOCK_BYTES), dtype=np.uint8)
+            # Asked first: a frame may claim any size, and would get the memory for it.
+            if zstandard.frame_content_size(frame) != BLOCK_BYTES:
+                raise ValueError(f"damaged voxel block (not {BLOCK_BYTES} bytes)")
+            row[:] = np.frombuffer(decompressor.decompress(frame), dtype=np.uint8)
         except zstandard.ZstdError as error:
             raise ValueError(f"damaged voxel block ({error})") from None
     arrays, start = {}, 0

@@ -51,7 +51,7 @@ def submap_mesh(submap: Submap, blocks: VoxelBlocks, *, min_belonging: int = MIN
     """
     distance = _padded(blocks.distance).astype(np.float32)
     observed = _padded(blocks.weight > 0)
-    belongs = observed & _padded(blocks.belonging[..., 0] >= blocks.belonging[..., 1])
+    belongs = _padded((blocks.weight > 0) & (blocks.belonging[..., 0] >= blocks.belonging[..., 1]))
     parts = []
     for tile in _tiles(blocks.coords):
         cells = _cells(tile.dense(observed), tile.dense(belongs), min_belonging)

@@ -140,11 +140,13 @@ class MapWriter:
     def _publish(self) -> None:
         # Closed first: SQLite would go on naming the journal after the old name.
         self._db.close()
-        _check_free(self.path, self._overwrite)
-        _staging(self.path).replace(self.path)
-        self._staged = False
-        with _database.connection(self.path) as self._db:
-            _prepare(self._db)
+        try:
+            _check_free(self.path, self._overwrite)
+            _staging(self.path).replace(self.path)
+            self._staged = False
+        finally:
+            with _database.connection(_staging(self.path) if self._staged else self.path) as self._db:
+                _prepare(self._db)
 
     def _compact(self) -> None:
         pages = self._db.execute("PRAGMA page_count").fetchone()[0]
