@@ -72,13 +72,13 @@ def write_surface(source: Path, out: Path, K: np.ndarray) -> None:
     """The source's ground-truth points that the chosen frames see, one a cell and instance."""
     with np.load(source / "surface.npz") as surface:
         xyz_mm, instance = surface["xyz_mm"], surface["instance"]
+    cell = (xyz_mm.astype(np.int64) + 2**15) // SURFACE_SPACING_MM
+    _, first = np.unique(cell @ (1 << 48, 1 << 32, 1 << 16) + instance, return_index=True)
+    xyz_mm, instance = xyz_mm[first], instance[first]
     seen = np.zeros(len(xyz_mm), dtype=bool)
     for frame in FRAMES:
         seen |= visible(source, frame, K, xyz_mm / 1000.0, instance)
-    xyz_mm, instance = xyz_mm[seen], instance[seen]
-    cells = np.column_stack([xyz_mm // SURFACE_SPACING_MM, instance.astype(np.int16)])
-    _, first = np.unique(cells, axis=0, return_index=True)
-    np.savez_compressed(out / "surface.npz", xyz_mm=xyz_mm[first], instance=instance[first])
+    np.savez_compressed(out / "surface.npz", xyz_mm=xyz_mm[seen], instance=instance[seen])
 
 
 def visible(source: Path, frame: int, K: np.ndarray, points: np.ndarray, instance: np.ndarray) -> np.ndarray:
