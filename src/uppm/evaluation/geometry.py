@@ -1,0 +1,118 @@
+"""Geometric metrics between a reconstructed surface R and the ground truth G (paper section 4, method.md section 7).
+
+R is everything reconstructed: no part of it is left out because the ground truth lacks it. G is what the cameras
+saw within range. A map of the same frames and range has a right to surface only there, so whatever else it holds is
+an error; maps made with another range are to be cut to it before they are compared.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import KDTree
+
+from uppm.core.errors import InputError
+
+THRESHOLD = 0.05
+"""Metres: the 5 cm of the completion ratio, precision, recall and F1."""
+
+Points = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NearestPoints:
+    """For N points of R and M of G, the nearest point of the other set."""
+
+    to_truth: npt.NDArray[np.float64]
+    """(N,) distance, metres."""
+    truth: npt.NDArray[np.intp]
+    """(N,) index into G."""
+    to_reconstruction: npt.NDArray[np.float64]
+    """(M,) distance, metres."""
+    reconstruction: npt.NDArray[np.intp]
+    """(M,) index into R."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GeometricMetrics:
+    """Distances in cm, shares from 0 to 1; `docs/evaluation.md` defines each."""
+
+    accuracy_cm: float
+    completeness_cm: float
+    chamfer_l1_cm: float
+    """Sum of accuracy and completeness."""
+    chamfer_l1_half_cm: float
+    """Their mean, as other papers print it."""
+    chamfer_cm: float
+    """Root of the summed mean squares (after the paper's equation)."""
+    hausdorff_cm: float
+    hausdorff_95_cm: float
+    """The larger of the two 95th percentiles."""
+    completion_ratio_5cm: float
+    precision_5cm: float
+    recall_5cm: float
+    f1_5cm: float
+    f1_foreground_5cm: float | None
+    """F1 without floors, walls and ceilings; None where there is nothing else."""
+
+
+def nearest_points(reconstruction: Points, truth: Points) -> NearestPoints:
+    """Nearest neighbours both ways between R (N, 3) and G (M, 3), metres; raises `InputError` where one is empty."""
+    for name, points in (("reconstruction", reconstruction), ("ground truth", truth)):
+        if not len(points):
+            raise InputError(name, expected="points on a surface", found="none", advice="check what it was made from")
+    to_truth, i = _tree(truth).query(reconstruction, workers=2)
+    to_reconstruction, j = _tree(reconstruction).query(truth, workers=2)
+    return NearestPoints(to_truth=to_truth, truth=i, to_reconstruction=to_reconstruction, reconstruction=j)
+
+
+def geometric_metrics(nearest: NearestPoints, foreground: npt.NDArray[np.bool_] | None = None) -> GeometricMetrics:
+    """All geometric metrics of one comparison.
+
+    Parameters
+    ----------
+    foreground : (M,) bool, the points of G that are on no floor, wall or ceiling; None: nothing is known of that.
+        A point of R counts as foreground where its nearest point of G is.
+    """
+    r, g = nearest.to_truth, nearest.to_reconstruction
+    accuracy, completeness = 100 * float(r.mean()), 100 * float(g.mean())
+    precision, recall = share_within(r), share_within(g)
+    return GeometricMetrics(
+        accuracy_cm=accuracy,
+        completeness_cm=completeness,
+        chamfer_l1_cm=accuracy + completeness,
+        chamfer_l1_half_cm=(accuracy + completeness) / 2,
+        chamfer_cm=100 * float(np.sqrt(np.mean(r**2) + np.mean(g**2))),
+        hausdorff_cm=100 * float(max(r.max(), g.max())),
+        hausdorff_95_cm=100 * float(max(np.percentile(r, 95), np.percentile(g, 95))),
+        completion_ratio_5cm=recall,
+        precision_5cm=precision,
+        recall_5cm=recall,
+        f1_5cm=f1(precision, recall),
+        f1_foreground_5cm=None if foreground is None else _foreground_f1(nearest, foreground),
+    )
+
+
+def share_within(distances: npt.NDArray[np.float64], threshold: float = THRESHOLD) -> float:
+    """Share of distances, metres, that are at most the threshold."""
+    return float(np.mean(distances <= threshold))
+
+
+def f1(precision: float, recall: float) -> float:
+    """Harmonic mean; 0 where both are."""
+    return 2 * precision * recall / (precision + recall) if precision + recall else 0.0
+
+
+def _foreground_f1(nearest: NearestPoints, foreground: npt.NDArray[np.bool_]) -> float | None:
+    if not foreground.any():
+        return None
+    claimed = nearest.to_truth[foreground[nearest.truth]]
+    precision = share_within(claimed) if len(claimed) else 0.0
+    return f1(precision, share_within(nearest.to_reconstruction[foreground]))
+
+
+def _tree(points: Points) -> KDTree:
+    # Surfaces fill space evenly: sliding midpoint splits build and answer faster than medians do.
+    return KDTree(points, balanced_tree=False, compact_nodes=False)

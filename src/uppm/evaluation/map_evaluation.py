@@ -1,0 +1,63 @@
+"""Map-to-map: one reconstruction against the ground truth of a sequence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from uppm.evaluation.checks import check_comparable
+from uppm.evaluation.geometry import GeometricMetrics, geometric_metrics, nearest_points
+from uppm.evaluation.ground_truth import SurfaceTruth
+from uppm.evaluation.instances import MIN_PIXELS, InstanceMetrics, instance_metrics
+from uppm.evaluation.sampling import SurfacePart, sample_parts
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapEvaluation:
+    """What `uppm evaluate map` says of one map or mesh."""
+
+    source: str
+    ground_truth: str
+    points_per_m2: float
+    seed: int
+    reconstruction_points: int
+    ground_truth_points: int
+    geometry: GeometricMetrics
+    instances: InstanceMetrics | None
+    """None for a mesh whose submaps are not told apart."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Flat, as `--json` prints it (docs/evaluation.md)."""
+        nested = asdict(self)
+        geometry, instances = nested.pop("geometry"), nested.pop("instances")
+        return nested | geometry | (instances or {})
+
+
+def evaluate_map(
+    parts: Sequence[SurfacePart],
+    truth: SurfaceTruth,
+    *,
+    source: str,
+    points_per_m2: float = 10_000,
+    seed: int = 0,
+    min_pixels: int = MIN_PIXELS,
+) -> MapEvaluation:
+    """Sample the parts' surfaces and measure them; raises `InputError` where they cannot be of the truth's scene."""
+    vertices = [part.mesh.vertices for part in parts]
+    check_comparable(np.concatenate(vertices or [np.empty((0, 3))]), truth.points, source, truth.source)
+    samples = sample_parts(parts, points_per_m2, seed, source=source)
+    nearest = nearest_points(samples.points, truth.points)
+    told_apart = any(part.category is not None for part in parts)
+    return MapEvaluation(
+        source=source,
+        ground_truth=truth.source,
+        points_per_m2=points_per_m2,
+        seed=seed,
+        reconstruction_points=len(samples.points),
+        ground_truth_points=len(truth.points),
+        geometry=geometric_metrics(nearest, truth.foreground),
+        instances=instance_metrics(parts, samples, nearest, truth, min_pixels) if told_apart else None,
+    )
