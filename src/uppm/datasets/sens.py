@@ -16,7 +16,7 @@ from uppm.core.errors import BadFrameError, InputError
 from uppm.datasets import files
 from uppm.datasets.sequence import RawFrame, RawSequence
 
-COLOR_JPEG = (1, 2)
+COLOR_ENCODED = (1, 2)
 """PNG and JPEG, which both name themselves."""
 DEPTH_RAW, DEPTH_ZLIB = 0, 1
 _FRAME = struct.Struct("<16f4Q")
@@ -72,7 +72,7 @@ def _header(path: Path, file: BinaryIO) -> _Header:
     _take(path, file, length)
     matrices = np.frombuffer(_take(path, file, 4 * 64), "<f4").astype(np.float64).reshape(4, 4, 4)
     color, depth, cw, ch, dw, dh, shift, frames = _SHAPES.unpack(_take(path, file, _SHAPES.size))
-    if color not in COLOR_JPEG or depth not in (DEPTH_RAW, DEPTH_ZLIB) or not shift > 0:
+    if color not in COLOR_ENCODED or depth not in (DEPTH_RAW, DEPTH_ZLIB) or not shift > 0:
         found = f"colour kind {color}, depth kind {depth}, depth shift {shift}"
         expected, advice = "JPEG or PNG colour and raw or zlib depth", "export it with ScanNet's SensReader to folders"
         raise InputError(path, expected=expected, found=found, advice=advice)

@@ -77,20 +77,30 @@ class PosedSequence:
         return len(self._positions)
 
     @property
+    def indices(self) -> Sequence[int]:
+        """Position in the whole sequence of each frame used."""
+        return self._positions
+
+    @property
     def depth_scale(self) -> float:
         """Depth image units a metre."""
         return self.config.depth_scale or self.raw.depth_scale
 
     def pose(self, index: int) -> npt.NDArray[np.float64]:
         """T_map_camera (4, 4) of the index-th frame used, without reading its images; raises `BadFrameError`."""
-        frame = self.raw.frames[self._positions[index]]
-        pose = pose_matrix(frame.pose(), frame.where, self.config)
+        raw, where = self.raw_pose(index)
+        pose = pose_matrix(raw, where, self.config)
         try:
-            check_pose(frame.where, pose)
+            check_pose(where, pose)
         except InputError as error:
             found = "NaN or infinity in the pose" if not np.isfinite(pose).all() else "a pose that is not rigid"
-            raise BadFrameError(frame.where, expected=error.expected, found=found, advice=error.advice) from None
+            raise BadFrameError(where, expected=error.expected, found=found, advice=error.advice) from None
         return pose
+
+    def raw_pose(self, index: int) -> tuple[npt.NDArray[np.float64], str]:
+        """The pose as its file has it, (4, 4) or (7,), and where that is; raises `BadFrameError`."""
+        frame = self.raw.frames[self._positions[index]]
+        return frame.pose(), frame.where
 
     def frame(self, index: int) -> Frame:
         """The index-th frame used; `Frame.index` is its position in the whole sequence.
