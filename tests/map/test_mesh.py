@@ -80,13 +80,31 @@ def test_only_the_part_that_belongs_is_meshed() -> None:
     blocks = blocks_of(plane((0, 0, 1), 0.1), (-2, -2, -1), (2, 2, 1), voxel)
     belonging = np.zeros_like(blocks.belonging)
     x = (8 * blocks.coords[:, 0, None] + np.arange(8) + 0.5) * voxel
-    belonging[..., 1] = (x > 0)[:, :, None, None]
+    belonging[..., 0] = 1
+    belonging[..., 1] = 2 * (x > 0)[:, :, None, None]
     submap = submap_of(1, voxel=voxel)
     mesh = submap_mesh(submap, dataclasses.replace(blocks, belonging=belonging))
     local = transform(invert(submap.T_map_submap), mesh.vertices)
     # The last own voxel is centred half a voxel before 0; the cell after it has two or more own corners.
     assert local[:, 0].max() == pytest.approx(voxel / 2, abs=1e-6)
     assert local[:, 0].min() < -1.9
+
+
+def test_voxels_that_rays_only_passed_hold_no_surface() -> None:
+    blocks = blocks_of(plane((0, 0, 1), 0.1), (-1, -1, -1), (1, 1, 1), 0.05)
+    passed = dataclasses.replace(blocks, belonging=np.zeros_like(blocks.belonging))
+    assert len(submap_mesh(submap_of(1, voxel=0.05), passed).faces) == 0
+
+
+def test_unseen_voxels_lend_no_colour() -> None:
+    voxel = 0.05
+    blocks = blocks_of(plane((0, 0, 1), 0.1), (-1, -1, -1), (1, 1, 1), voxel)
+    belonging, color = blocks.belonging.copy(), np.full_like(blocks.color, 200)
+    x = (8 * blocks.coords[:, 0, None] + np.arange(8) + 0.5) * voxel
+    unseen = np.broadcast_to((x > 0)[:, :, None, None], color.shape[:-1])
+    belonging[unseen], color[unseen] = 0, 0
+    mesh = submap_mesh(submap_of(1, voxel=voxel), dataclasses.replace(blocks, belonging=belonging, color=color))
+    assert (mesh.colors == 200).all()
 
 
 def test_unobserved_corners_leave_a_hole() -> None:

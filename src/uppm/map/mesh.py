@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +16,8 @@ from skimage.measure import marching_cubes
 from uppm.core.geometry import transform
 from uppm.core.types import VOXELS_PER_SIDE, Mesh, Submap, VoxelBlocks
 
+_C = TypeVar("_C", np.uint8, np.float32)
+
 MIN_BELONGING = 2
 """Corners of a cell that must belong to the submap; 2 lets neighbouring surfaces meet without a gap."""
 _TILE = 8
@@ -23,6 +26,8 @@ _LEVEL = -0.5
 """Isovalue in units of `VoxelBlocks.distance`: no integer equals it, so that no triangle degenerates."""
 _WELD = 1e-4
 """Voxels; tiles compute the vertices of their shared face alike, up to rounding."""
+_FILL_RINGS = 4
+"""Vertices so far from a seen voxel still get a colour from their neighbours."""
 
 
 @dataclass(frozen=True)
@@ -47,18 +52,22 @@ class _Tile:
 def submap_mesh(submap: Submap, blocks: VoxelBlocks, *, min_belonging: int = MIN_BELONGING) -> Mesh:
     """The surface that belongs to a submap, in frame map.
 
-    A cell is meshed where its 8 corners were observed and at least `min_belonging` of them belong to the submap.
+    A cell is meshed where its 8 corners were observed and at least `min_belonging` of them belong to the submap. Here a
+    voxel belongs only if the submap's surface was ever seen at it: one that rays merely passed has both counters at 0,
+    says nothing of a surface, and has no colour.
     """
+    seen = blocks.belonging[..., 0] > 0
     distance = _padded(blocks.distance).astype(np.float32)
     observed = _padded(blocks.weight > 0)
-    belongs = _padded((blocks.weight > 0) & (blocks.belonging[..., 0] >= blocks.belonging[..., 1]))
+    belongs = _padded(seen & (blocks.weight > 0) & (blocks.belonging[..., 0] >= blocks.belonging[..., 1]))
     parts = []
     for tile in _tiles(blocks.coords):
         cells = _cells(tile.dense(observed), tile.dense(belongs), min_belonging)
         surface = _surface(tile.dense(distance), cells)
         if surface is not None:
             vertices, faces = surface
-            parts.append((vertices + float(VOXELS_PER_SIDE) * tile.low, _colors(vertices, tile, blocks.color), faces))
+            colors = _colors(vertices, tile, blocks.color, seen)
+            parts.append((vertices + float(VOXELS_PER_SIDE) * tile.low, colors, faces))
     if not parts:
         return empty_mesh()
     voxels, colors, faces = _joined(parts)
@@ -68,7 +77,7 @@ def submap_mesh(submap: Submap, blocks: VoxelBlocks, *, min_belonging: int = MIN
     return Mesh(
         vertices=vertices.astype(np.float32),
         normals=_normals(vertices, faces),
-        colors=colors,
+        colors=_filled(colors, faces),
         faces=faces,
     )
 
@@ -136,21 +145,40 @@ def _surface(
     return vertices, faces
 
 
-def _colors(vertices: npt.NDArray[np.float32], tile: _Tile, color: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-    """Colours (V, 3) interpolated along the edge on which each vertex lies."""
+def _colors(
+    vertices: npt.NDArray[np.float32], tile: _Tile, color: npt.NDArray[np.uint8], seen: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.float32]:
+    """Colours (V, 3) interpolated along the edge on which each vertex lies, between seen voxels; NaN without any."""
     low = np.floor(vertices).astype(np.int64)
-    high = np.ceil(vertices).astype(np.int64)
-    share = (vertices - low).max(axis=1, keepdims=True)
-    ends = [
-        color[(tile.index[tuple((p // VOXELS_PER_SIDE).T)], *(p % VOXELS_PER_SIDE).T)].astype(np.float32)
-        for p in (low, high)
-    ]
-    return (ends[0] + share * (ends[1] - ends[0]) + 0.5).astype(np.uint8)
+    share = (vertices - low).max(axis=1)
+    total, weight = np.zeros(vertices.shape, np.float32), np.zeros(len(vertices), np.float32)
+    for voxel, part in ((low, 1 - share), (np.ceil(vertices).astype(np.int64), share)):
+        at = (tile.index[tuple((voxel // VOXELS_PER_SIDE).T)], *(voxel % VOXELS_PER_SIDE).T)
+        w = np.where(seen[at], np.maximum(part, 1e-3), 0).astype(np.float32)
+        total += w[:, None] * color[at]
+        weight += w
+    return np.divide(total, weight[:, None], out=np.full_like(total, np.nan), where=weight[:, None] > 0)
+
+
+def _filled(colors: npt.NDArray[np.float32], faces: npt.NDArray[np.int32]) -> npt.NDArray[np.uint8]:
+    """Colours with NaN replaced, ring by ring, by the mean of the vertices around."""
+    colors = colors.copy()
+    near, far = faces[:, [0, 1, 2, 1, 2, 0]].ravel(), faces[:, [1, 2, 0, 0, 1, 2]].ravel()
+    for _ in range(_FILL_RINGS):
+        gap = np.isnan(colors[:, 0])
+        use = gap[near] & ~gap[far]
+        if not use.any():
+            break
+        at, count = near[use], np.bincount(near[use], minlength=len(colors))
+        for channel in range(3):
+            total = np.bincount(at, colors[far[use], channel], len(colors))
+            np.divide(total, count, out=colors[:, channel], where=count > 0, casting="same_kind")
+    return np.rint(np.nan_to_num(colors, nan=128.0)).astype(np.uint8)
 
 
 def _joined(
-    parts: Sequence[tuple[npt.NDArray[np.floating], npt.NDArray[np.uint8], npt.NDArray[np.int32]]],
-) -> tuple[npt.NDArray[np.floating], npt.NDArray[np.uint8], npt.NDArray[np.int32]]:
+    parts: Sequence[tuple[npt.NDArray[np.floating], npt.NDArray[_C], npt.NDArray[np.int32]]],
+) -> tuple[npt.NDArray[np.floating], npt.NDArray[_C], npt.NDArray[np.int32]]:
     """Vertices, colours and faces of all parts, faces renumbered."""
     starts = np.cumsum([0] + [len(vertices) for vertices, _, _ in parts[:-1]])
     faces = [faces + np.int32(start) for (_, _, faces), start in zip(parts, starts, strict=True)]
@@ -162,8 +190,8 @@ def _joined(
 
 
 def _welded(
-    voxels: npt.NDArray[np.floating], colors: npt.NDArray[np.uint8], faces: npt.NDArray[np.int32]
-) -> tuple[npt.NDArray[np.floating], npt.NDArray[np.uint8], npt.NDArray[np.int32]]:
+    voxels: npt.NDArray[np.floating], colors: npt.NDArray[_C], faces: npt.NDArray[np.int32]
+) -> tuple[npt.NDArray[np.floating], npt.NDArray[_C], npt.NDArray[np.int32]]:
     """Join the vertices that two tiles have in common."""
     side = _TILE * VOXELS_PER_SIDE
     border = np.flatnonzero((np.abs(voxels - side * np.rint(voxels / side)) < _WELD).any(axis=1))
