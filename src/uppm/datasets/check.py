@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -22,6 +22,8 @@ CLEARLY = 0.5
 """Another hypothesis wins where its disagreement is below this share of that as given."""
 PLAUSIBLE = 0.03
 """Disagreement over depth up to which a hypothesis may be the truth; sensors and their poses stay below it."""
+GOOD = 0.003
+"""Disagreement over depth at which no other hypothesis is preferred, however well it does."""
 SANE_DEPTH = (0.1, 50.0)
 """Metres, for the median depth of a hand-held or robot-borne camera."""
 MIN_JUMP, MIN_TURN, JUMP_RATIO = 0.1, np.deg2rad(10), 3.0
@@ -33,6 +35,7 @@ OFF_CENTRE = 0.25
 UNKNOWN = Agreement(np.nan, np.nan)
 
 Pose = npt.NDArray[np.float64]
+_Test = tuple[Hypothesis, Agreement]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,14 +175,25 @@ def _look_at(look: _Look, index: int, keep: bool) -> None:
 def _judge(look: _Look) -> None:
     """The convention that the pairs agree with best; as given, unless another is clearly better and plausible."""
     camera = look.source.raw.color
+
+    def test(hypotheses: Iterable[Hypothesis]) -> list[_Test]:
+        return [(hypothesis, agreement(look.pairs, camera, hypothesis)) for hypothesis in hypotheses]
+
+    singles = test(single_hypotheses(look.source))
+    look.tried = {hypothesis.name: result for hypothesis, result in singles}
     look.given = look.best_agreement = agreement(look.pairs, camera, look.best)
-    tests = [(h, agreement(look.pairs, camera, h)) for h in single_hypotheses(look.source)]
-    look.tried = {hypothesis.name: result for hypothesis, result in tests}
-    if min(result.share for _, result in [*tests, (look.best, look.given)]) > PLAUSIBLE:
-        tests += [(h, agreement(look.pairs, camera, h)) for h in joint_hypotheses(look.source)]
-    hypothesis, result = min(tests, key=lambda test: test[1].share)
-    if result.share < min(PLAUSIBLE, CLEARLY * look.given.share):
-        look.best, look.best_agreement = hypothesis, result
+    if look.given.share <= GOOD:
+        return
+    best = _clearly_better((look.best, look.given), singles)
+    if best[0].kinds or look.given.share > PLAUSIBLE:
+        best = _clearly_better(best, test(joint_hypotheses(look.source)))
+    if best[1].share <= PLAUSIBLE:
+        look.best, look.best_agreement = best
+
+
+def _clearly_better(current: _Test, others: list[_Test]) -> _Test:
+    best = min(others, key=lambda test: test[1].share)
+    return best if best[1].share < CLEARLY * current[1].share else current
 
 
 def _amount(result: Agreement, as_share: bool = False) -> str:

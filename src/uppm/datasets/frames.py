@@ -36,7 +36,8 @@ class Frames:
         stamps = _stamps(path / "stamps.txt", len(positions))
         frames = [
             RawFrame(
-                where=f"{path / 'color'}, frame {number}",
+                where=f"{path}, frame {number:05d}",
+                pose_where=str(poses.get(number, path / "pose" / f"{number:05d}.txt")),
                 stamp=stamps[i],
                 color=partial(files.read_color, color.get(number, path / "color" / f"{number:05d}.jpg")),
                 depth=partial(files.read_depth, depth.get(number, path / "depth" / f"{number:05d}.png")),

@@ -24,7 +24,8 @@ class HoloLens:
         poses = files.pose_lines(path / "poses.txt", len(numbers))
         frames = [
             RawFrame(
-                where=f"{path / 'poses.txt'}, line {i + 1} (image {number:05d})",
+                where=f"{path}, image {number:05d}",
+                pose_where=f"{path / 'poses.txt'}, line {i + 1} (image {number:05d})",
                 stamp=number / files.FRAME_RATE,
                 color=partial(files.read_color, color.get(number, path / "images" / f"{number:05d}.png")),
                 depth=partial(files.read_depth, depth.get(number, path / "depth" / f"{number:05d}.png")),

@@ -34,6 +34,7 @@ class PanmapFlat:
         frames = [
             RawFrame(
                 where=str(path / f"{number:06d}"),
+                pose_where=str(path / f"{number:06d}_pose.txt"),
                 stamp=stamps.get(number, number / files.FRAME_RATE),
                 color=partial(files.read_color, path / f"{number:06d}_color.png"),
                 depth=partial(files.read_depth, path / f"{number:06d}_depth.tiff"),

@@ -28,7 +28,8 @@ class Replica:
         poses = files.pose_lines(path / "traj.txt", len(numbers))
         frames = [
             RawFrame(
-                where=f"{path / 'traj.txt'}, line {i + 1} (image {number:06d})",
+                where=f"{path}, image {number:06d}",
+                pose_where=f"{path / 'traj.txt'}, line {i + 1} (image {number:06d})",
                 stamp=number / files.FRAME_RATE,
                 color=partial(files.read_color, color.get(number, folder / f"frame{number:06d}.jpg")),
                 depth=partial(files.read_depth, depth.get(number, folder / f"depth{number:06d}.png")),

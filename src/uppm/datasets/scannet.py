@@ -37,7 +37,8 @@ def _exported(path: Path) -> RawSequence:
     depth = files.numbered(path / "depth", r"(\d+)\.png")
     frames = [
         RawFrame(
-            where=f"{path / 'pose' / f'{number}.txt'}",
+            where=f"{path}, frame {number}",
+            pose_where=str(path / "pose" / f"{number}.txt"),
             stamp=number / files.FRAME_RATE,
             color=partial(files.read_color, color.get(number, path / "color" / f"{number}.jpg")),
             depth=partial(files.read_depth, depth.get(number, path / "depth" / f"{number}.png")),

@@ -91,6 +91,7 @@ def _frame(path: Path, file: BinaryIO, header: _Header, index: int) -> RawFrame:
     file.seek(end)
     return RawFrame(
         where=where,
+        pose_where=where,
         stamp=color_time * MICROSECONDS if color_time else index / files.FRAME_RATE,
         color=partial(_color, path, where, start, color_bytes),
         depth=partial(_depth, path, where, start + color_bytes, depth_bytes, header),

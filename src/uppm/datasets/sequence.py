@@ -23,7 +23,9 @@ class RawFrame:
     """One frame as its files say it; each part is read when called, and raises `BadFrameError`."""
 
     where: str
-    """File or line, for messages."""
+    """The frame, for messages."""
+    pose_where: str
+    """The file or line of its pose, for messages."""
     stamp: float
     """Seconds."""
     color: Callable[[], Image]
@@ -100,7 +102,7 @@ class PosedSequence:
     def raw_pose(self, index: int) -> tuple[npt.NDArray[np.float64], str]:
         """The pose as its file has it, (4, 4) or (7,), and where that is; raises `BadFrameError`."""
         frame = self.raw.frames[self._positions[index]]
-        return frame.pose(), frame.where
+        return frame.pose(), frame.pose_where
 
     def frame(self, index: int) -> Frame:
         """The index-th frame used; `Frame.index` is its position in the whole sequence.

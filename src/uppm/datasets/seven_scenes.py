@@ -26,6 +26,7 @@ class SevenScenes:
         frames = [
             RawFrame(
                 where=str(path / f"frame-{number:06d}"),
+                pose_where=str(path / f"frame-{number:06d}.pose.txt"),
                 stamp=number / files.FRAME_RATE,
                 color=partial(files.read_color, color.get(number, path / f"frame-{number:06d}.color.png")),
                 depth=partial(files.read_depth, depth.get(number, path / f"frame-{number:06d}.depth.png"), INVALID),

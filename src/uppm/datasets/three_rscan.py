@@ -36,7 +36,8 @@ class ThreeRScan:
             raise InputError(str(root), expected="frame-NNNNNN.color.jpg", found=found, advice=advice)
         frames = [
             RawFrame(
-                where=f"{root / f'frame-{number:06d}'}",
+                where=str(root / f"frame-{number:06d}"),
+                pose_where=str(root / f"frame-{number:06d}.pose.txt"),
                 stamp=number / files.FRAME_RATE,
                 color=partial(files.read_color, root / f"frame-{number:06d}.color.jpg"),
                 depth=partial(files.read_depth, root / f"frame-{number:06d}.depth.pgm"),

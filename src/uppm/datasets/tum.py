@@ -45,7 +45,8 @@ class Tum:
             raise InputError(path, expected=f"times within {MAX_GAP} s", found=found, advice=advice)
         frames = [
             RawFrame(
-                where=f"{path}, {color[i]}",
+                where=str(path / color[i]),
+                pose_where=f"{path / 'groundtruth.txt'}, time {pose_times[of_pose[i]]:.6f}",
                 stamp=float(color_times[i]),
                 color=partial(files.read_color, path / color[i]),
                 depth=partial(files.read_depth, path / depth[of_depth[i]]),
