@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
+
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -17,8 +18,9 @@ from uppm.core.types import Frame
 
 WORK_WIDTH = 320
 """Frames are reduced to about this width, pixels; finer detail comes back with the colour edges."""
-MIN_STEP = 0.004
-"""Least second difference of inverse depth that counts as an edge, 1/m: 1.6 cm at 2 m."""
+MIN_STEP = 0.003
+
+"""Least step that counts as an edge, metres."""
 NOISE_FACTOR = 5.0
 """An edge stands out of the frame's own noise by so much."""
 CREASE_COS = float(np.cos(np.radians(22)))
@@ -41,6 +43,14 @@ class Surfaces:
     patches: npt.NDArray[np.int32]
     """(h, w); 0: none, else 1 to `count`."""
     count: int
+    sizes: npt.NDArray[np.int64]
+    """(count + 1,), pixels of each patch; index 0: of none."""
+    planes: npt.NDArray[np.float64]
+    """(count + 1, 4): unit normal towards the camera and offset, normal . p + offset = 0, frame camera, least squares."""
+    rms: npt.NDArray[np.float64]
+    """(count + 1,): root mean square distance of a patch's points to its plane, metres."""
+    step: npt.NDArray[np.float32]
+    """(h, w), metres: how far the surface departs from a straight line through each pixel."""
     noise: float
     """Standard deviation of the inverse depth, 1/m."""
 
@@ -55,14 +65,25 @@ def surfaces(frame: Frame) -> Surfaces:
     scale = max(1, round(frame.intrinsics.width / WORK_WIDTH))
     depth = np.ascontiguousarray(frame.depth[::scale, ::scale])
     inverse = _inverse_depth(depth)
-    noise, step = _step(inverse)
+    noise, stepm, step = _step(inverse)
     gradient = _gradient(inverse, step)
     normals = _normals(frame, scale, inverse, gradient)
     smooth = ~step & ~_creases(normals) & (inverse > 0)
     patches, count = _components(smooth)
-    patches = _fill(patches, inverse, max(MIN_STEP, 3 * noise))
+    patches = _fill(patches, inverse, max(0.004, 3 * noise))
+    points = _points(frame, scale, depth)
+    planes, rms = fit_planes(points, np.where(depth > 0, patches, 0), count)
     return Surfaces(
-        scale=scale, points=_points(frame, scale, depth), normals=normals, patches=patches, count=count, noise=noise
+        scale=scale,
+        points=points,
+        normals=normals,
+        patches=patches,
+        count=count,
+        sizes=np.bincount(patches.ravel(), minlength=count + 1),
+        planes=planes,
+        rms=rms,
+        step=stepm,
+        noise=noise,
     )
 
 
@@ -73,7 +94,7 @@ def _inverse_depth(depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     return np.where(inverse > 0, inverse, closed)
 
 
-def _step(inverse: npt.NDArray[np.float32]) -> tuple[float, npt.NDArray[np.bool_]]:
+def _step(inverse: npt.NDArray[np.float32]) -> tuple[float, npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
     """Noise of the inverse depth, and the pixels where it bends or jumps more than that explains."""
     bend = np.zeros_like(inverse)
     bend[:, 1:-1] = np.abs(inverse[:, :-2] + inverse[:, 2:] - 2 * inverse[:, 1:-1])
@@ -81,7 +102,11 @@ def _step(inverse: npt.NDArray[np.float32]) -> tuple[float, npt.NDArray[np.bool_
     valid = inverse > 0
     # The median of the larger of two half-normal values is 1.05 of one's deviation, itself sqrt(6) of the noise.
     noise = float(np.median(bend[valid])) / (1.05 * np.sqrt(6)) if valid.any() else 0.0
-    return noise, bend > max(MIN_STEP, NOISE_FACTOR * np.sqrt(6) * noise)
+    return (
+        noise,
+        bend / np.maximum(inverse, 1e-3) ** 2,
+        bend > np.maximum(MIN_STEP * inverse**2, NOISE_FACTOR * np.sqrt(6) * noise),
+    )
 
 
 def _gradient(inverse: npt.NDArray[np.float32], step: npt.NDArray[np.bool_]) -> npt.NDArray[np.float32]:
@@ -154,3 +179,23 @@ def _fill(patches: npt.NDArray[np.int32], inverse: npt.NDArray[np.float32], limi
         chosen = np.where(gaps.min(axis=0) < limit, ids[best, np.arange(len(best))], 0)
         filled[rows + 1, columns + 1] = chosen
     return filled[1:-1, 1:-1].copy()
+
+
+def fit_planes(
+    points: npt.NDArray[np.float32], patches: npt.NDArray[np.int32], count: int
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Least-squares plane (count + 1, 4) of each patch's points, and the root mean square distance to it, metres."""
+    seen = patches > 0
+    ids, p = patches[seen], points[seen].astype(np.float64)
+    n = np.maximum(np.bincount(ids, minlength=count + 1), 1)
+    mean = np.stack([np.bincount(ids, p[:, k], count + 1) for k in range(3)], axis=1) / n[:, None]
+    moments = np.empty((count + 1, 3, 3))
+    for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
+        product = np.bincount(ids, p[:, i] * p[:, j], count + 1) / n - mean[:, i] * mean[:, j]
+        moments[:, i, j] = moments[:, j, i] = product
+    spread, axes = np.linalg.eigh(moments)
+    normal = axes[:, :, 0]
+    offset = -np.einsum("ij,ij->i", normal, mean)
+    sign = np.where(offset < 0, -1.0, 1.0)
+    planes = np.concatenate([normal, offset[:, None]], axis=1) * sign[:, None]
+    return planes, np.sqrt(np.maximum(spread[:, 0], 0))
