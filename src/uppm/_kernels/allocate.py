@@ -6,7 +6,15 @@ import numba as nb
 import numpy as np
 
 from uppm._kernels.hashing import (
-    BLOCKS_PER_CHUNK, CHUNK_BITS, NONE, chunk_key, find, find_block, insert, local_index, remove,
+    BLOCKS_PER_CHUNK,
+    CHUNK_BITS,
+    NONE,
+    chunk_key,
+    find,
+    find_block,
+    insert,
+    local_index,
+    remove,
 )  # fmt: skip
 
 STRIPES = 16
@@ -18,15 +26,66 @@ def band_end(R, t, dx, dy, dz, distance, inv_side):
     """Block coordinates of the point at a distance along a ray of frame camera, in frame submap."""
     x, y, z = dx * distance - t[0], dy * distance - t[1], dz * distance - t[2]
     # R is T_camera_submap's rotation: its transpose takes camera to submap.
-    a = np.int64(np.floor((R[0, 0] * x + R[1, 0] * y + R[2, 0] * z) * inv_side))
-    b = np.int64(np.floor((R[0, 1] * x + R[1, 1] * y + R[2, 1] * z) * inv_side))
-    c = np.int64(np.floor((R[0, 2] * x + R[1, 2] * y + R[2, 2] * z) * inv_side))
+    a = np.int32(np.floor((R[0, 0] * x + R[1, 0] * y + R[2, 0] * z) * inv_side))
+    b = np.int32(np.floor((R[0, 1] * x + R[1, 1] * y + R[2, 1] * z) * inv_side))
+    c = np.int32(np.floor((R[0, 2] * x + R[1, 2] * y + R[2, 2] * z) * inv_side))
     return a, b, c
+
+
+@nb.njit(cache=True, fastmath=True)
+def band_blocks(first, last, depth, range_image, rays, R, t, band, inv_side, ends):
+    """Block coordinates of the near and far band ends of pixels [first, last) of a row; ends (6, W) is written.
+
+    Without branches, so that it is compiled to vector instructions. A pixel without depth gives the camera's block.
+    """
+    m00, m01, m02 = R[0, 0] * inv_side, R[1, 0] * inv_side, R[2, 0] * inv_side
+    m10, m11, m12 = R[0, 1] * inv_side, R[1, 1] * inv_side, R[2, 1] * inv_side
+    m20, m21, m22 = R[0, 2] * inv_side, R[1, 2] * inv_side, R[2, 2] * inv_side
+    ox = m00 * t[0] + m01 * t[1] + m02 * t[2]
+    oy = m10 * t[0] + m11 * t[1] + m12 * t[2]
+    oz = m20 * t[0] + m21 * t[1] + m22 * t[2]
+    for u in range(first, last):
+        d = depth[u]
+        step = band * d / max(range_image[u], np.float32(1e-6))
+        a, b = rays[u, 0], rays[u, 1]
+        x = m00 * a + m01 * b + m02
+        y = m10 * a + m11 * b + m12
+        z = m20 * a + m21 * b + m22
+        near, far = d - step, d + step
+        ends[0, u] = np.int32(np.floor(x * near - ox))
+        ends[1, u] = np.int32(np.floor(y * near - oy))
+        ends[2, u] = np.int32(np.floor(z * near - oz))
+        ends[3, u] = np.int32(np.floor(x * far - ox))
+        ends[4, u] = np.int32(np.floor(y * far - oy))
+        ends[5, u] = np.int32(np.floor(z * far - oz))
+
+
+@nb.njit(inline="always")
+def same_ends(ends, u, v):
+    return (
+        ends[0, u] == ends[0, v] and ends[1, u] == ends[1, v] and ends[2, u] == ends[2, v]
+        and ends[3, u] == ends[3, v] and ends[4, u] == ends[4, v] and ends[5, u] == ends[5, v]
+    )  # fmt: skip
+
+
+@nb.njit(cache=True)
+def add_missing(slot, ends, u, keys, values, chunk_blocks, out, count):
+    """Append the blocks between the band ends of pixel u that do not exist to out (N, 4); returns the new count."""
+    x0, x1 = min(ends[0, u], ends[3, u]), max(ends[0, u], ends[3, u])
+    y0, y1 = min(ends[1, u], ends[4, u]), max(ends[1, u], ends[4, u])
+    z0, z1 = min(ends[2, u], ends[5, u]), max(ends[2, u], ends[5, u])
+    for bx in range(x0, x1 + 1):
+        for by in range(y0, y1 + 1):
+            for bz in range(z0, z1 + 1):
+                if find_block(keys, values, chunk_blocks, slot, bx, by, bz) == NONE and count < out.shape[0]:
+                    out[count, 0], out[count, 1], out[count, 2], out[count, 3] = slot, bx, by, bz
+                    count += 1
+    return count
 
 
 @nb.njit(cache=True, parallel=True)
 def missing_blocks(
-    range_image, rays, slot_image, keys, values, chunk_blocks,
+    depth, range_image, rays, slot_image, keys, values, chunk_blocks,
     rotations, translations, voxel_sizes, truncations, out, counts,
 ):  # fmt: skip
     """Blocks that the truncation bands touch and that do not exist.
@@ -39,40 +98,27 @@ def missing_blocks(
     height, width = range_image.shape
     for stripe in nb.prange(STRIPES):
         count = 0
-        previous = np.full(7, -1 << 40, dtype=np.int64)
+        ends = np.empty((6, width), dtype=np.int32)
         for row in range(stripe * height // STRIPES, (stripe + 1) * height // STRIPES):
-            for column in range(width):
-                distance = range_image[row, column]
-                slot = slot_image[row, column]
-                if distance == 0 or slot < 0:
-                    continue
-                scale = rays[row, column, 2] / np.sqrt(
-                    rays[row, column, 0] ** 2 + rays[row, column, 1] ** 2 + rays[row, column, 2] ** 2
-                )
-                dx, dy, dz = rays[row, column, 0] * scale, rays[row, column, 1] * scale, scale
-                inv_side = np.float32(1.0) / (voxel_sizes[slot] * np.float32(8.0))
-                R, t, band = rotations[slot], translations[slot], truncations[slot]
-                x0, y0, z0 = band_end(R, t, dx, dy, dz, distance - band, inv_side)
-                x1, y1, z1 = band_end(R, t, dx, dy, dz, distance + band, inv_side)
-                x0, x1 = min(x0, x1), max(x0, x1)
-                y0, y1 = min(y0, y1), max(y0, y1)
-                z0, z1 = min(z0, z1), max(z0, z1)
-                if (
-                    previous[0] == slot and previous[1] == x0 and previous[2] == y0 and previous[3] == z0
-                    and previous[4] == x1 and previous[5] == y1 and previous[6] == z1
-                ):  # fmt: skip
-                    continue
-                previous[0], previous[1], previous[2], previous[3] = slot, x0, y0, z0
-                previous[4], previous[5], previous[6] = x1, y1, z1
-                for bx in range(x0, x1 + 1):
-                    for by in range(y0, y1 + 1):
-                        for bz in range(z0, z1 + 1):
-                            if count < out.shape[1] and (
-                                find_block(keys, values, chunk_blocks, slot, bx, by, bz) == NONE
-                            ):
-                                out[stripe, count, 0], out[stripe, count, 1] = slot, bx
-                                out[stripe, count, 2], out[stripe, count, 3] = by, bz
-                                count += 1
+            first = 0
+            while first < width:
+                slot = slot_image[row, first]
+                last = first + 1
+                while last < width and slot_image[row, last] == slot:
+                    last += 1
+                if slot >= 0:
+                    inv_side = np.float32(1.0) / (voxel_sizes[slot] * np.float32(8.0))
+                    band_blocks(
+                        first, last, depth[row], range_image[row], rays[row],
+                        rotations[slot], translations[slot], truncations[slot], inv_side, ends,
+                    )  # fmt: skip
+                    before = -1
+                    for u in range(first, last):
+                        if range_image[row, u] > np.float32(0.0):
+                            if before < 0 or not same_ends(ends, u, before):
+                                count = add_missing(slot, ends, u, keys, values, chunk_blocks, out[stripe], count)
+                            before = u
+                first = last
         counts[stripe] = count
 
 
@@ -106,13 +152,15 @@ def missing_along_rays(range_image, rays, stride, slot, keys, values, chunk_bloc
 
 @nb.njit(inline="always")
 def same_row(rows, i, j):
-    return rows[i, 0] == rows[j, 0] and rows[i, 1] == rows[j, 1] and rows[i, 2] == rows[j, 2] and rows[i, 3] == rows[j, 3]
+    return (
+        rows[i, 0] == rows[j, 0] and rows[i, 1] == rows[j, 1] and rows[i, 2] == rows[j, 2] and rows[i, 3] == rows[j, 3]
+    )
 
 
 @nb.njit(cache=True)
 def add_blocks(
-    wanted, n, keys, values, head, chunk_next, chunk_prev, chunk_coord, chunk_slot, chunk_blocks, chunk_used, free_chunks,
-    block_coord, block_slot, free_blocks, state, out,
+    wanted, n, keys, values, head, chunk_next, chunk_prev, chunk_coord, chunk_slot, chunk_blocks, chunk_used,
+    free_chunks, block_coord, block_slot, free_blocks, state, out,
 ):  # fmt: skip
     """Create the blocks of wanted[:n] (slot, bx, by, bz) that do not exist; write their pool indices to `out`.
 

@@ -1,4 +1,4 @@
-"""What the kernels know of a frame: the range image, tiles of its depth, and where each submap stands."""
+"""What the kernels know of a frame: the range image, tiles of its depth, and the pixels of its segments."""
 
 from __future__ import annotations
 
@@ -7,31 +7,58 @@ import numpy as np
 
 TILE = 16
 """Pixels along each side of a depth tile."""
+PARTS = 8
+"""Fixed, so that sums do not depend on the number of threads."""
 
 
-@nb.njit(cache=True, parallel=True, fastmath=False)
-def prepare_depth(depth, rays, depth_min, depth_max, range_image, tile_min, tile_max):
-    """Range along the ray (0: invalid or out of range) and the tiles' least and greatest valid depth.
+@nb.njit(cache=True, parallel=True, fastmath=True)
+def prepare_depth(depth, ray_length, depth_min, depth_max, limited, range_image, tile_min, tile_max):
+    """Depth within range (`limited`, else 0), range along the ray, and the tiles' least and greatest valid depth.
 
-    depth (H, W), rays (H, W, 3) at z = 1; range_image (H, W), tile_min and tile_max (ceil(H/16), ceil(W/16)) are
-    written; an empty tile has min inf and max 0.
+    depth, limited, range_image (H, W); ray_length (H, W): length of each pixel's ray at z = 1; tile_min and tile_max
+    (ceil(H/16), ceil(W/16)): an empty tile has min 1e9 and max 0. All but the first two are written.
     """
     height, width = depth.shape
+    zero = np.float32(0.0)
     for ty in nb.prange(tile_min.shape[0]):
         for tx in range(tile_min.shape[1]):
-            tile_min[ty, tx] = np.float32(np.inf)
-            tile_max[ty, tx] = np.float32(0.0)
-        for y in range(ty * TILE, min(height, (ty + 1) * TILE)):
+            low, high = np.float32(1e9), zero
+            for y in range(ty * TILE, min(height, (ty + 1) * TILE)):
+                for x in range(tx * TILE, min(width, (tx + 1) * TILE)):
+                    d = depth[y, x]
+                    valid = d >= depth_min and d <= depth_max
+                    d = d if valid else zero
+                    limited[y, x] = d
+                    range_image[y, x] = d * ray_length[y, x]
+                    low = min(low, d if valid else np.float32(1e9))
+                    high = max(high, d)
+            tile_min[ty, tx], tile_max[ty, tx] = low, high
+
+
+@nb.njit(cache=True, parallel=True)
+def segment_pixels(ids, depth, pixels, total):
+    """Count the pixels with valid depth of each segment id, and sum their depth.
+
+    ids, depth (H, W); pixels (PARTS, segments + 1) int64 and total (PARTS, segments + 1) float64 are added to.
+    """
+    height, width = ids.shape
+    for part in nb.prange(PARTS):
+        for y in range(part * height // PARTS, (part + 1) * height // PARTS):
             for x in range(width):
                 d = depth[y, x]
-                if not (d >= depth_min and d <= depth_max):
-                    range_image[y, x] = np.float32(0.0)
-                    continue
-                a, b = rays[y, x, 0], rays[y, x, 1]
-                range_image[y, x] = d * np.sqrt(a * a + b * b + np.float32(1.0))
-                tx = x // TILE
-                tile_min[ty, tx] = min(tile_min[ty, tx], d)
-                tile_max[ty, tx] = max(tile_max[ty, tx], d)
+                if d > 0:
+                    pixels[part, ids[y, x]] += 1
+                    total[part, ids[y, x]] += d
+
+
+@nb.njit(cache=True, parallel=True)
+def look_up(ids, table_a, table_b, out_a, out_b):
+    """out_a = table_a[ids], out_b = table_b[ids], in one pass."""
+    for y in nb.prange(ids.shape[0]):
+        for x in range(ids.shape[1]):
+            k = ids[y, x]
+            out_a[y, x] = table_a[k]
+            out_b[y, x] = table_b[k]
 
 
 @nb.njit(cache=True)
@@ -42,14 +69,12 @@ def sphere_footprint(x, y, z, radius, camera, shape, out):
     """
     fx, fy, cx, cy = camera
     height, width = shape
-    if z + radius <= 0.0:
+    near, far = z - radius, z + radius
+    if far <= 0.0:
         return False
-    near = z - radius
     if near <= 0.05:
-        # The cube reaches the camera plane: only the four side planes can exclude it.
         out[0], out[1], out[2], out[3] = 0, 0, width, height
         return True
-    far = z + radius
     left = (x - radius) / (near if x - radius < 0 else far)
     right = (x + radius) / (near if x + radius > 0 else far)
     top = (y - radius) / (near if y - radius < 0 else far)

@@ -37,16 +37,51 @@ def count_belonging(belonging, mine):
     belonging[k] += 1
 
 
+@nb.njit(inline="always")
+def mix_color(color, seen, gain):
+    """Move a colour (3,) towards the one seen; 8 bits, rounded."""
+    for q in range(3):
+        was = np.float32(color[q])
+        color[q] = np.uint8(was + (np.float32(seen[q]) - was) * gain + np.float32(0.5))
+
+
 @nb.njit(cache=True)
 def holds_surface(distance, weight, belonging, limit):
     """Whether any voxel of a block (8, 8, 8) is owned and at most `limit` (fixed point) from the surface."""
     for i in range(SIDE):
         for j in range(SIDE):
             for k in range(SIDE):
-                if abs(np.int32(distance[i, j, k])) <= limit and weight[i, j, k] > np.float32(0.0):
-                    if belonging[i, j, k, 0] >= belonging[i, j, k, 1]:
-                        return True
+                near = weight[i, j, k] > np.float32(0.0) and abs(np.int32(distance[i, j, k])) <= limit
+                if near and belonging[i, j, k, 0] >= belonging[i, j, k, 1]:
+                    return True
     return False
+
+
+@nb.njit(cache=True, fastmath=True)
+def project_slab(a, coord, R, t, size, camera, u, v, inverse, far):
+    """Project the 64 voxels of a block's slab at submap coordinate a along x.
+
+    Writes pixel coordinates u, v, 1 / z (0 behind the camera) and the distance from the camera, each (64,). Without
+    branches, so that it is compiled to vector instructions.
+    """
+    fx, fy, cx, cy = camera
+    half = np.float32(0.5)
+    for j in range(SIDE):
+        b = (np.float32(coord[1] * SIDE + j) + half) * size
+        c = (np.float32(coord[2] * SIDE) + half) * size
+        x0 = R[0, 0] * a + R[0, 1] * b + R[0, 2] * c + t[0]
+        y0 = R[1, 0] * a + R[1, 1] * b + R[1, 2] * c + t[1]
+        z0 = R[2, 0] * a + R[2, 1] * b + R[2, 2] * c + t[2]
+        ax, ay, az = R[0, 2] * size, R[1, 2] * size, R[2, 2] * size
+        for k in range(SIDE):
+            step = np.float32(k)
+            x, y, z = x0 + step * ax, y0 + step * ay, z0 + step * az
+            inv_z = np.float32(1.0) / max(z, MIN_Z)
+            n = j * SIDE + k
+            u[n] = fx * x * inv_z + cx
+            v[n] = fy * y * inv_z + cy
+            inverse[n] = inv_z if z > MIN_Z else np.float32(0.0)
+            far[n] = np.sqrt(x * x + y * y + z * z)
 
 
 @nb.njit(cache=True, parallel=True, fastmath=True)
@@ -60,72 +95,65 @@ def integrate(
     range_image (H, W) along the ray, slot_image (H, W): the submap slot of each pixel (-1: none), color_image
     (H, W, 3), camera (fx, fy, cx, cy). rotations, translations: T_camera_submap of each slot.
     distance (M, 8, 8, 8) int16, weight (M, 8, 8, 8) float32, color (M, 8, 8, 8, 3) and belonging (M, 8, 8, 8, 2)
-    uint8, has_surface (M,) and dirty (M,) bool of the pool are written.
+    uint8, has_surface (M,) and dirty (M,) bool of the pool are written. Colour is kept within a voxel of the surface,
+    where a mesh can need it.
     """
-    fx, fy, cx, cy = camera
     height, width = range_image.shape
+    zero = np.float32(0.0)
     right, bottom = np.float32(width - 1), np.float32(height - 1)
-    for n in nb.prange(blocks.shape[0]):
-        block = blocks[n]
+    focal_area = camera[0] * camera[1]
+    for m in nb.prange(blocks.shape[0]):
+        block = blocks[m]
         slot = block_slot[block]
         R, t = rotations[slot], translations[slot]
         size, band = voxel_sizes[slot], truncations[slot]
         scale, inv_scale = band / FULL, FULL / band
-        focal_area = fx * fy * size * size
-        drop = np.float32(1.0) / (band - size)
-        freespace = slot == freespace_slot
-        ax, ay, az = R[0, 2] * size, R[1, 2] * size, R[2, 2] * size
+        area, drop, reach = focal_area * size * size, np.float32(1.0) / (band - size), band + max_step
+        u, v = np.empty(SIDE * SIDE, dtype=np.float32), np.empty(SIDE * SIDE, dtype=np.float32)
+        inverse, far = np.empty(SIDE * SIDE, dtype=np.float32), np.empty(SIDE * SIDE, dtype=np.float32)
         touched = False
         for i in range(SIDE):
             a = (np.float32(block_coord[block, 0] * SIDE + i) + np.float32(0.5)) * size
-            for j in range(SIDE):
-                b = (np.float32(block_coord[block, 1] * SIDE + j) + np.float32(0.5)) * size
-                c = (np.float32(block_coord[block, 2] * SIDE) + np.float32(0.5)) * size
-                x0 = R[0, 0] * a + R[0, 1] * b + R[0, 2] * c + t[0]
-                y0 = R[1, 0] * a + R[1, 1] * b + R[1, 2] * c + t[1]
-                z0 = R[2, 0] * a + R[2, 1] * b + R[2, 2] * c + t[2]
-                for k in range(SIDE):
-                    z = z0 + np.float32(k) * az
-                    if z < MIN_Z:
-                        continue
-                    x, y = x0 + np.float32(k) * ax, y0 + np.float32(k) * ay
-                    inv_z = np.float32(1.0) / z
-                    u, v = fx * x * inv_z + cx, fy * y * inv_z + cy
-                    if not (u >= np.float32(0.0) and v >= np.float32(0.0) and u <= right and v <= bottom):
-                        continue
-                    column, row = int(u + np.float32(0.5)), int(v + np.float32(0.5))
-                    measured = sample_range(range_image, u, v, column, row, max_step)
-                    if measured <= np.float32(0.0):
-                        continue
-                    sdf = measured - np.sqrt(x * x + y * y + z * z)
+            project_slab(a, block_coord[block], R, t, size, camera, u, v, inverse, far)
+            for n in range(SIDE * SIDE):
+                inv_z = inverse[n]
+                if not (u[n] >= zero and v[n] >= zero and u[n] <= right and v[n] <= bottom and inv_z > zero):
+                    continue
+                column, row = int(u[n] + np.float32(0.5)), int(v[n] + np.float32(0.5))
+                nearest = range_image[row, column]
+                # Interpolation moves the range by at most max_step, so most voxels are decided by the nearest pixel.
+                if nearest <= zero or nearest - far[n] < -reach:
+                    continue
+                if nearest - far[n] > reach:
+                    sdf = band
+                else:
+                    sdf = sample_range(range_image, u[n], v[n], column, row, max_step) - far[n]
                     if sdf < -band:
                         continue
-                    w = focal_area * inv_z * inv_z * inv_z * inv_z
-                    if sdf < -size:
-                        w *= (sdf + band) * drop
-                    in_band = sdf < band
-                    sdf = min(sdf, band)
-                    W = weight[block, i, j, k]
-                    total = W + w
-                    if total <= np.float32(0.0):
-                        continue
-                    touched = True
-                    gain = w / total
-                    old = np.float32(distance[block, i, j, k]) * scale
-                    new = old + (sdf - old) * gain
-                    distance[block, i, j, k] = np.int16(np.rint(new * inv_scale))
-                    weight[block, i, j, k] = min(total, max_weight)
-                    if freespace or not in_band:
-                        continue
-                    seen = slot_image[row, column]
-                    if seen >= 0:
-                        count_belonging(belonging[block, i, j, k], seen == slot)
-                    if seen == slot or seen < 0:
-                        mine = max(gain, w / min(total, w * COLOR_MEMORY))
-                        for q in range(3):
-                            was = np.float32(color[block, i, j, k, q])
-                            value = was + (np.float32(color_image[row, column, q]) - was) * mine
-                            color[block, i, j, k, q] = np.uint8(value + np.float32(0.5))
+                w = area * inv_z * inv_z * inv_z * inv_z
+                if sdf < -size:
+                    w *= (sdf + band) * drop
+                j, k = n >> 3, n & 7
+                W = weight[block, i, j, k]
+                total = W + w
+                if total <= zero:
+                    continue
+                touched = True
+                gain = w / total
+                in_band = sdf < band
+                old = np.float32(distance[block, i, j, k]) * scale
+                new = old + (min(sdf, band) - old) * gain
+                distance[block, i, j, k] = np.int16(np.rint(new * inv_scale))
+                weight[block, i, j, k] = min(total, max_weight)
+                if not in_band or slot == freespace_slot:
+                    continue
+                seen = slot_image[row, column]
+                if seen >= 0:
+                    count_belonging(belonging[block, i, j, k], seen == slot)
+                if (seen == slot or seen < 0) and sdf <= size and sdf >= -size:
+                    mix_color(
+                        color[block, i, j, k], color_image[row, column], max(gain, w / min(total, w * COLOR_MEMORY))
+                    )
         if touched:
             dirty[block] = True
             one_voxel = np.int32(FULL * size / band)

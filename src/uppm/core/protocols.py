@@ -12,13 +12,19 @@ from uppm.core.types import Category, Detections, Frame, Label, PanopticSegmenta
 
 
 class FrameSource(Protocol):
-    """A posed RGB-D sequence. `frame` raises `BadFrameError` for a frame that cannot be used."""
+    """A posed RGB-D sequence. `frame(n)` raises `BadFrameError` for a frame that cannot be used."""
 
-    name: str
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def indices(self) -> Sequence[int]:
+        """`Frame.index` of each frame."""
+        ...
 
     def __len__(self) -> int: ...
 
-    def frame(self, index: int) -> Frame: ...
+    def frame(self, position: int) -> Frame: ...
 
 
 class Labeler(Protocol):

@@ -49,13 +49,17 @@ def _accumulate(records: Iterable[LabelRecord]) -> tuple[LabelRecord, ...]:
     for r in records:
         key = (r.text, r.category)
         old = by_text.get(key)
-        by_text[key] = r if old is None else replace(
-            old,
-            count=old.count + r.count,
-            weight=old.weight + r.weight,
-            provenance=tuple(dict.fromkeys((*old.provenance, *r.provenance))),
-            first_frame=min(old.first_frame, r.first_frame),
-            last_frame=max(old.last_frame, r.last_frame),
+        by_text[key] = (
+            r
+            if old is None
+            else replace(
+                old,
+                count=old.count + r.count,
+                weight=old.weight + r.weight,
+                provenance=tuple(dict.fromkeys((*old.provenance, *r.provenance))),
+                first_frame=min(old.first_frame, r.first_frame),
+                last_frame=max(old.last_frame, r.last_frame),
+            )
         )
     return tuple(sorted(by_text.values(), key=lambda r: (-r.count, -r.weight, r.text)))
 

@@ -6,12 +6,15 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
+from uppm._kernels.camera import PARTS, look_up, segment_pixels
 from uppm.core.categories import unified_categories
 from uppm.core.config import FusionConfig
 from uppm.core.geometry import transform
+from uppm.core.protocols import VoxelSource
 from uppm.core.types import (
     DescribedSegmentation,
     Frame,
@@ -20,7 +23,6 @@ from uppm.core.types import (
     SubmapState,
     VoxelBlocks,
 )
-from uppm.core.protocols import VoxelSource
 from uppm.fusion import descriptors, lifecycle, merging, tracking
 from uppm.fusion.resampling import resample
 from uppm.fusion.submaps import LiveSubmap
@@ -57,10 +59,9 @@ class PanopticFusion:
 
     def __init__(self, config: FusionConfig, similarity: npt.NDArray[np.float32]) -> None:
         self._config, self._similarity = config, similarity
+        self._threads = min(config.threads, numba.config.NUMBA_NUM_THREADS)  # pyright: ignore[reportPrivateImportUsage]
         self._views = ViewFactory(config.depth_min, config.depth_max)
-        self._volume = Volume(
-            config.max_blocks, config.threads, config.max_weight, config.interpolation_max_step
-        )
+        self._volume = Volume(config.max_blocks, config.max_weight, config.interpolation_max_step)
         self._row = {c.id: n for n, c in enumerate(unified_categories())}
         self._submaps: dict[int, LiveSubmap] = {}
         self._bounds: dict[int, npt.NDArray[np.float64]] = {}
@@ -71,6 +72,7 @@ class PanopticFusion:
 
     def fuse(self, frame: Frame, segmentation: DescribedSegmentation) -> IdImage:
         """Fuse one frame. Returns the submap id of each pixel, (H, W), 0 where there is none."""
+        numba.set_num_threads(self._threads)
         self._found_freespace(frame.index)
         view = self._views.view(frame)
         tracks = self._track(view, segmentation)
@@ -78,13 +80,15 @@ class PanopticFusion:
         submaps = self._observe(frame, tracks, targets, segmentation)
         self._miss(view, tracks, submaps)
         slots = np.array([-1, *(s.slot if s else -1 for s in submaps)], dtype=np.int32)
-        slot_image = slots[segmentation.ids]
+        numbers = np.array([0, *(s.id if s else 0 for s in submaps)], dtype=np.int32)
+        slot_image, id_image = np.empty_like(segmentation.ids), np.empty_like(segmentation.ids)
+        look_up(segmentation.ids, slots, numbers, slot_image, id_image)
         new = self._volume.allocate(view, slot_image)
         # A removed or resampled submap's blocks may have been handed out again as new ones: each once.
         blocks = np.unique(np.concatenate([self._integrable(tracks), new]))
         self._volume.integrate(view, blocks, slot_image)
         self._forget_bounds(blocks)
-        return np.array([0, *(s.id if s else 0 for s in submaps)], dtype=np.int32)[segmentation.ids]
+        return id_image
 
     def _found_freespace(self, frame: int) -> None:
         if self._freespace is None:
@@ -115,13 +119,13 @@ class PanopticFusion:
     def _track(self, view: View, segmentation: DescribedSegmentation) -> Tracks:
         """Render all submaps into the view."""
         submaps = tuple(self._submaps.values())
-        blocks = self._volume.visible(view, np.array([s.slot for s in submaps], dtype=np.int32))
+        visible = self._volume.visible(view, np.array([s.slot for s in submaps], dtype=np.int32))
         solid = tuple(s for s in submaps if s.kind is not SubmapKind.FREESPACE)
         slots = np.array([s.slot for s in solid], dtype=np.int32)
         n = len(segmentation.descriptors)
-        overlap = self._volume.overlap(view, blocks, slots, segmentation.ids, n)
+        overlap = self._volume.overlap(view, visible, slots, segmentation.ids, n)
         observed, depth = _measure(segmentation.ids, view.depth, n)
-        return Tracks(submaps=solid, blocks=blocks, overlap=overlap, observed=observed, depth=depth)
+        return Tracks(submaps=solid, blocks=visible.blocks, overlap=overlap, observed=observed, depth=depth)
 
     def _associate(self, tracks: Tracks, segmentation: DescribedSegmentation) -> npt.NDArray[np.intp]:
         """Row in `tracks.submaps` of each segment, or NEW (paper equation 4)."""
@@ -134,9 +138,7 @@ class PanopticFusion:
         is_object = np.array([s.kind is SubmapKind.OBJECT for s in tracks.submaps], dtype=np.bool_)
         least[is_object[:, None] != np.array(segmentation.is_thing, dtype=np.bool_)[None, :]] = np.inf
         targets = tracking.assign(tracking.iou_matrix(tracks.overlap, tracks.observed), least)
-        return tracking.join_contained(
-            targets, tracks.overlap, tracks.observed, np.isfinite(least), c.min_containment
-        )
+        return tracking.join_contained(targets, tracks.overlap, tracks.observed, np.isfinite(least), c.min_containment)
 
     def _observe(
         self, frame: Frame, tracks: Tracks, targets: npt.NDArray[np.intp], segmentation: DescribedSegmentation
@@ -262,12 +264,10 @@ class PanopticFusion:
         self.next_id = next_id
 
 
-def _measure(
-    ids: IdImage, depth: FloatImage, segments: int
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+def _measure(ids: IdImage, depth: FloatImage, segments: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
     """Pixels with valid depth, and mean depth in metres, of each segment."""
-    valid = depth > 0
-    labels = ids[valid]
-    pixels = np.bincount(labels, minlength=segments + 1)[1:]
-    total = np.bincount(labels, weights=depth[valid], minlength=segments + 1)[1:]
-    return pixels, total / np.maximum(pixels, 1)
+    pixels = np.zeros((PARTS, segments + 1), dtype=np.int64)
+    total = np.zeros((PARTS, segments + 1))
+    segment_pixels(ids, depth, pixels, total)
+    counted = pixels.sum(axis=0)[1:]
+    return counted, total.sum(axis=0)[1:] / np.maximum(counted, 1)

@@ -15,9 +15,7 @@ def seen(submap: LiveSubmap, frame: int, score: float, config: FusionConfig) -> 
     submap.misses = 0
     submap.last_frame = frame
     submap.evidence += score
-    if submap.state is SubmapState.INACTIVE:
-        submap.state = SubmapState.CONFIRMED
-    elif submap.evidence >= config.confirm_evidence:
+    if submap.state is SubmapState.INACTIVE or submap.evidence >= config.confirm_evidence:
         submap.state = SubmapState.CONFIRMED
 
 

@@ -55,9 +55,7 @@ def resample(
         return blocks
     dense, s, ratio = _Dense(blocks), VOXELS_PER_SIDE, new_voxel_size / voxel_size
     corners = np.unique(
-        np.concatenate(
-            [np.floor((blocks.coords + offset) / ratio).astype(np.int32) for offset in np.ndindex(2, 2, 2)]
-        ),
+        np.concatenate([np.floor((blocks.coords + offset) / ratio).astype(np.int32) for offset in np.ndindex(2, 2, 2)]),
         axis=0,
     )
     out = _blocks(corners)
@@ -75,7 +73,7 @@ def resample(
         out.weight[n] = np.where(hit, map_coordinates(dense.weight, at, order=1, mode="constant"), 0).reshape(s, s, s)
         rest = np.where(hit[:, None], dense.rest[pick], 0).reshape(s, s, s, 5)
         out.color[n], out.belonging[n] = rest[..., :3], rest[..., 3:]
-    return keep(out, (out.weight > 0).any(axis=(1, 2, 3)))
+    return keep(out, np.asarray((out.weight > 0).any(axis=(1, 2, 3))))
 
 
 def keep(blocks: VoxelBlocks, which: npt.NDArray[np.bool_]) -> VoxelBlocks:

@@ -46,20 +46,22 @@ class ViewFactory:
         self._limits = np.float32(depth_min), np.float32(depth_max)
         self._intrinsics: Intrinsics | None = None
         self._rays = np.empty((0, 0, 3), dtype=np.float32)
+        self._ray_length = np.empty((0, 0), dtype=np.float32)
 
     def view(self, frame: Frame) -> View:
         """The frame with its depth limited to the configured range."""
         if frame.intrinsics != self._intrinsics:
             self._intrinsics, self._rays = frame.intrinsics, rays(frame.intrinsics)
+            self._ray_length = np.linalg.norm(self._rays, axis=2)
         height, width = frame.depth.shape
         low, high = self._limits
         tiles = (-(-height // TILE), -(-width // TILE))
-        range_image = np.empty_like(frame.depth)
+        depth, range_image = np.empty_like(frame.depth), np.empty_like(frame.depth)
         tile_min, tile_max = np.empty(tiles, dtype=np.float32), np.empty(tiles, dtype=np.float32)
-        prepare_depth(frame.depth, self._rays, low, high, range_image, tile_min, tile_max)
+        prepare_depth(frame.depth, self._ray_length, low, high, depth, range_image, tile_min, tile_max)
         k = frame.intrinsics
         return View(
-            depth=np.where(range_image > 0, frame.depth, np.float32(0)),
+            depth=depth,
             range_image=range_image,
             rays=self._rays,
             color=frame.color,

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import numba
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
 
 from uppm._kernels import allocate as _allocate
 from uppm._kernels import associate as _associate
+from uppm._kernels.camera import PARTS
 from uppm._kernels.hashing import BLOCKS_PER_CHUNK, NONE, SLOT_LIMIT
 from uppm._kernels.integrate import holds_surface, integrate
 from uppm._kernels.surface import FULL, count_on_surface, surface_points
-from uppm._kernels.visible import visible_blocks
+from uppm._kernels.visible import MAX_CANDIDATES, visible_blocks
 from uppm.core.errors import UppmError
 from uppm.core.geometry import invert, transform
 from uppm.core.types import VOXELS_PER_SIDE, VoxelBlocks
@@ -23,16 +25,27 @@ FREESPACE_RAY_STRIDE = 8
 """Pixels between the rays that allocate freespace: at 5 m under 10 cm apart, far less than a 2.4 m block."""
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Visible:
+    """What a view can touch."""
+
+    blocks: Indices
+    """(N,) pool indices."""
+    tile_slots: Indices
+    """(rows, columns, MAX_CANDIDATES): submaps whose surface meets each depth tile."""
+    tile_count: Indices
+    """(rows, columns): how many."""
+
+
 class Volume:
     """Multi-resolution multi-TSDF over one block pool (method.md section 4).
 
     A submap is known here by its slot; slots are used again after `remove`.
     """
 
-    def __init__(self, max_blocks: int, threads: int, max_weight: float, max_step: float) -> None:
+    def __init__(self, max_blocks: int, max_weight: float, max_step: float) -> None:
         self.pool = BlockPool(max_blocks)
         self._limits = np.float32(max_step), np.float32(max_weight)
-        self._threads = min(threads, numba.config.NUMBA_NUM_THREADS)  # pyright: ignore[reportAttributeAccessIssue]
         self._head = np.full(64, NONE, dtype=np.int32)
         self._voxel_size = np.zeros(64, dtype=np.float32)
         self._truncation = np.zeros(64, dtype=np.float32)
@@ -66,28 +79,30 @@ class Volume:
         T = view.T_camera_map @ self._T_map_submap
         return T[:, :3, :3].astype(np.float32), T[:, :3, 3].astype(np.float32)
 
-    def visible(self, view: View, slots: Indices) -> Indices:
-        """Pool indices of the blocks of these submaps that the view's rays can reach."""
+    def visible(self, view: View, slots: Indices) -> Visible:
+        """The blocks of these submaps that the view's rays can reach."""
         p, (R, t) = self.pool, self._T_camera_submap(view)
         out = np.empty(p.used, dtype=np.int32)
+        tile_slots = np.empty((*view.tile_min.shape, MAX_CANDIDATES), dtype=np.int32)
+        tile_count = np.empty(view.tile_min.shape, dtype=np.int32)
         n = visible_blocks(
             slots, self._head, p.chunk_next, p.chunk_coord, p.chunk_blocks, p.block_coord, p.has_surface,
             R, t, self._voxel_size, self._truncation, view.camera, view.shape, view.depth_max,
-            view.tile_min, view.tile_max, out,
+            view.tile_min, view.tile_max, out, tile_slots, tile_count,
         )  # fmt: skip
-        return out[:n]
+        return Visible(blocks=out[:n], tile_slots=tile_slots, tile_count=tile_count)
 
     def overlap(
-        self, view: View, blocks: Indices, slots: Indices, ids: npt.NDArray[np.int32], segments: int
+        self, view: View, visible: Visible, slots: Indices, ids: npt.NDArray[np.int32], segments: int
     ) -> npt.NDArray[np.int64]:
         """Pixels where submap slots[i] is rendered, by segment id; (len(slots), segments + 1), in full-image pixels."""
         p, (R, t) = self.pool, self._T_camera_submap(view)
-        surface = blocks[p.has_surface[blocks]]
-        counts = np.zeros((_associate.PARTS, len(slots), segments + 1), dtype=np.int32)
+        counts = np.zeros((PARTS, len(slots), segments + 1), dtype=np.int32)
         stride = max(1, round(view.shape[1] / 320))
         _associate.count_overlap(
-            surface, self._rows(slots), view.depth, view.rays, ids, stride, view.camera, R, t,
-            self._voxel_size, self._truncation, p.block_coord, p.block_slot, p.distance, p.weight, p.belonging, counts,
+            visible.tile_slots, visible.tile_count, self._rows(slots), view.depth, view.rays, ids, stride,
+            p.keys, p.values, p.chunk_blocks, R, t, self._voxel_size, self._truncation,
+            p.distance, p.weight, p.belonging, counts,
         )  # fmt: skip
         return counts.sum(axis=0, dtype=np.int64) * stride**2
 
@@ -95,7 +110,7 @@ class Volume:
         """Surface voxels of submap slots[i] that are measured where expected, and that are seen through; (n, 2)."""
         p, (R, t) = self.pool, self._T_camera_submap(view)
         surface = blocks[p.has_surface[blocks]]
-        counts = np.zeros((_associate.PARTS, len(slots), 2), dtype=np.int32)
+        counts = np.zeros((PARTS, len(slots), 2), dtype=np.int32)
         _associate.count_expected(
             surface, self._rows(slots), view.depth, view.camera, R, t, self._voxel_size, self._truncation,
             p.block_coord, p.block_slot, p.distance, p.weight, p.belonging, counts,
@@ -114,8 +129,8 @@ class Volume:
         index = p.keys, p.values, p.chunk_blocks
         while True:
             _allocate.missing_blocks(
-                view.range_image, view.rays, slot_image, *index, R, t, self._voxel_size, self._truncation,
-                self._wanted, counts,
+                view.depth, view.range_image, view.rays, slot_image, *index, R, t,
+                self._voxel_size, self._truncation, self._wanted, counts,
             )  # fmt: skip
             if counts.max() < self._wanted.shape[1]:
                 break
@@ -147,7 +162,6 @@ class Volume:
         """Update the voxels of these blocks with the view; slot_image (H, W): each pixel's submap slot or -1."""
         p, (R, t) = self.pool, self._T_camera_submap(view)
         max_step, max_weight = self._limits
-        numba.set_num_threads(self._threads)
         integrate(
             blocks, view.range_image, slot_image, view.color, view.camera, max_step, max_weight, self._freespace,
             R, t, self._voxel_size, self._truncation,
@@ -167,11 +181,14 @@ class Volume:
         return blocks[np.lexsort(p.block_coord[blocks].T[::-1])]
 
     def surface_points(self, slot: int) -> npt.NDArray[np.float64]:
-        """Centres (N, 3) of a submap's surface voxels, at most half a voxel from the surface; frame submap, metres."""
+        """Centres (N, 3) of a submap's surface voxels; frame submap, metres.
+
+        They lie at most 0.6 voxels from the surface: half a voxel misses a plane that runs midway between voxels.
+        """
         p, blocks = self.pool, self.indices(slot)
         blocks = blocks[p.has_surface[blocks]]
         out = np.empty((64 * len(blocks), 3))
-        arrays = blocks, p.block_coord, p.distance, p.weight, p.belonging, self._limit(slot, 0.5)
+        arrays = blocks, p.block_coord, p.distance, p.weight, p.belonging, self._limit(slot, 0.6)
         n = surface_points(*arrays, float(self._voxel_size[slot]), out)
         if n > len(out):
             out = np.empty((n, 3))
@@ -256,7 +273,9 @@ class Volume:
 def _positions(rows: npt.NDArray[np.int32], wanted: npt.NDArray[np.int32]) -> npt.NDArray[np.intp]:
     """Index of each wanted row (M, 3) among sorted unique rows (N, 3)."""
     span = np.int64(1) << 21
+
     def pack(c: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
         c64 = c.astype(np.int64) + (span >> 1)
         return (c64[:, 0] * span + c64[:, 1]) * span + c64[:, 2]
+
     return np.searchsorted(pack(rows), pack(wanted))

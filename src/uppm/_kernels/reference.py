@@ -1,0 +1,163 @@
+"""NumPy references of the kernels: slow, plain, one submap at a time; what the tests hold the kernels to."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+SIDE = 8
+FULL = 32767.0
+MIN_Z = 0.05
+COLOR_MEMORY = 31.0
+
+Array = npt.NDArray
+Camera = tuple[float, float, float, float]
+
+
+def prepare_depth(depth: Array, ray_length: Array, low: float, high: float) -> tuple[Array, Array]:
+    """Depth within range, else 0, and range along the ray; (H, W) each."""
+    limited = np.where((depth >= low) & (depth <= high), depth, 0)
+    return limited, limited * ray_length
+
+
+def segment_pixels(ids: Array, depth: Array, segments: int) -> tuple[Array, Array]:
+    """Pixels with valid depth and their summed depth, by segment id; (segments + 1,) each."""
+    valid = depth > 0
+    pixels = np.bincount(ids[valid], minlength=segments + 1)
+    return pixels, np.bincount(ids[valid], weights=depth[valid], minlength=segments + 1)
+
+
+def band_block_coords(range_image: Array, rays: Array, T_submap_camera: Array, band: float, side: float) -> set:
+    """Blocks (bx, by, bz) that the truncation bands of all valid pixels cross, by sampling each band finely."""
+    valid = range_image > 0
+    unit = rays[valid] / np.linalg.norm(rays[valid], axis=1, keepdims=True)
+    out: set[tuple[int, int, int]] = set()
+    for offset in np.linspace(-band, band, 65):
+        points = unit * (range_image[valid] + offset)[:, None]
+        local = points @ T_submap_camera[:3, :3].T + T_submap_camera[:3, 3]
+        out |= set(map(tuple, np.unique(np.floor(local / side).astype(int), axis=0).tolist()))
+    return out
+
+
+def voxel_centers(coords: Array, size: float) -> Array:
+    """Centres (N, 8, 8, 8, 3) of the voxels of blocks (N, 3), frame submap."""
+    offsets = np.stack(np.meshgrid(*[np.arange(SIDE)] * 3, indexing="ij"), axis=-1)
+    return (coords[:, None, None, None, :] * SIDE + offsets + 0.5) * size
+
+
+def sample_range(range_image: Array, u: Array, v: Array, max_step: float) -> Array:
+    """Range at pixel coordinates (N,), bilinear, or the nearest pixel's across a step or beside a hole."""
+    height, width = range_image.shape
+    x0, y0 = u.astype(int), v.astype(int)
+    x1, y1 = np.minimum(x0 + 1, width - 1), np.minimum(y0 + 1, height - 1)
+    four = np.stack([range_image[y0, x0], range_image[y0, x1], range_image[y1, x0], range_image[y1, x1]])
+    fx, fy = u - x0, v - y0
+    bilinear = (four[0] * (1 - fx) + four[1] * fx) * (1 - fy) + (four[2] * (1 - fx) + four[3] * fx) * fy
+    nearest = range_image[(v + 0.5).astype(int), (u + 0.5).astype(int)]
+    smooth = (four.min(axis=0) > 0) & (four.max(axis=0) - four.min(axis=0) <= max_step)
+    return np.where(smooth, bilinear, nearest)
+
+
+def integrate(
+    coords: Array,
+    voxels: dict[str, Array],
+    images: dict[str, Array],
+    camera: Camera,
+    T_camera_submap: Array,
+    size: float,
+    band: float,
+    slot: int,
+    max_step: float,
+    max_weight: float,
+) -> dict[str, Array]:
+    """One frame into the blocks of one submap.
+
+    voxels: distance, weight, color, belonging as in the pool, (N, 8, 8, 8, ...); images: range, slot, color. Returns
+    new arrays.
+    """
+    fx, fy, cx, cy = camera
+    height, width = images["range"].shape
+    p = voxel_centers(coords, size) @ T_camera_submap[:3, :3].T + T_camera_submap[:3, 3]
+    z = np.maximum(p[..., 2], MIN_Z)
+    u, v = fx * p[..., 0] / z + cx, fy * p[..., 1] / z + cy
+    seen = (p[..., 2] > MIN_Z) & (u >= 0) & (v >= 0) & (u <= width - 1) & (v <= height - 1)
+    at = np.nonzero(seen)
+    measured = sample_range(images["range"], u[at], v[at], max_step)
+    sdf = measured - np.linalg.norm(p[at], axis=-1)
+    keep = (measured > 0) & (sdf >= -band)
+    at, sdf = tuple(axis[keep] for axis in at), sdf[keep]
+    w = fx * fy * (size / z[at]) ** 2 / z[at] ** 2
+    w = np.where(sdf < -size, w * (sdf + band) / (band - size), w)
+    some = voxels["weight"][at] + w > 0
+    return _update(
+        voxels, images, tuple(axis[some] for axis in at), sdf[some], w[some], u, v, size, band, slot, max_weight
+    )
+
+
+def _update(voxels, images, at, sdf, w, u, v, size, band, slot, max_weight) -> dict[str, Array]:
+    out = {name: array.copy() for name, array in voxels.items()}
+    row, column = (v[at] + 0.5).astype(int), (u[at] + 0.5).astype(int)
+    total = voxels["weight"][at] + w
+    old = voxels["distance"][at] * (band / FULL)
+    new = old + (np.minimum(sdf, band) - old) * w / total
+    out["distance"][at] = np.rint(new * (FULL / band)).astype(np.int16)
+    out["weight"][at] = np.minimum(total, max_weight)
+    ids = images["slot"][row, column]
+    for n, voxel in enumerate(zip(*at, strict=True)):
+        if sdf[n] >= band:
+            continue
+        counters = out["belonging"][voxel]
+        if ids[n] >= 0:
+            which = 0 if ids[n] == slot else 1
+            if counters[which] == 255:
+                counters >>= 1
+            counters[which] += 1
+        if ids[n] in (slot, -1) and abs(sdf[n]) <= size:
+            was = out["color"][voxel].astype(float)
+            gain = max(w[n] / total[n], 1 / COLOR_MEMORY)
+            out["color"][voxel] = (was + (images["color"][row[n], column[n]] - was) * gain + 0.5).astype(np.uint8)
+    return out
+
+
+def on_surface(voxels: dict[str, Array], limit: float) -> Array:
+    """Which voxels were observed, belong, and lie at most `limit` (fixed point) from the surface."""
+    near = np.abs(voxels["distance"].astype(np.int32)) <= int(limit)
+    return (voxels["weight"] > 0) & near & (voxels["belonging"][..., 0] >= voxels["belonging"][..., 1])
+
+
+def count_overlap(
+    coords: Array, voxels: dict[str, Array], depth: Array, rays: Array, ids: Array, stride: int,
+    T_submap_camera: Array, size: float, band: float, segments: int,
+) -> Array:  # fmt: skip
+    """Pixels (segments + 1,) of each segment id whose measured point lies on one submap's surface."""
+    surface = on_surface(voxels, FULL * size / band)
+    index = {tuple(c): n for n, c in enumerate(coords.tolist())}
+    counts = np.zeros(segments + 1, dtype=np.int64)
+    for v in range(0, depth.shape[0], stride):
+        for u in range(0, depth.shape[1], stride):
+            if depth[v, u] <= 0:
+                continue
+            point = T_submap_camera[:3, :3] @ (rays[v, u] * depth[v, u]) + T_submap_camera[:3, 3]
+            voxel = np.floor(point / size).astype(int)
+            n = index.get(tuple((voxel >> 3).tolist()))
+            if n is not None and surface[(n, *(voxel & 7))]:
+                counts[ids[v, u]] += 1
+    return counts
+
+
+def count_expected(
+    coords: Array, voxels: dict[str, Array], depth: Array, camera: Camera, T_camera_submap: Array,
+    size: float, band: float,
+) -> tuple[int, int]:  # fmt: skip
+    """Surface voxels of one submap that are measured where expected, and that are seen through."""
+    fx, fy, cx, cy = camera
+    centers = voxel_centers(coords, size)[on_surface(voxels, FULL * size / band * 0.6)]
+    p = centers @ T_camera_submap[:3, :3].T + T_camera_submap[:3, 3]
+    p = p[p[:, 2] >= MIN_Z]
+    u = np.floor(fx * p[:, 0] / p[:, 2] + cx + 0.5).astype(int)
+    v = np.floor(fy * p[:, 1] / p[:, 2] + cy + 0.5).astype(int)
+    inside = (u >= 0) & (v >= 0) & (u < depth.shape[1]) & (v < depth.shape[0])
+    measured, z = depth[v[inside], u[inside]], p[inside, 2]
+    difference = (measured - z)[measured > 0]
+    agrees = np.abs(difference) <= 2 * size
+    return int(agrees.sum()), int((difference[~agrees] > 0).sum())

@@ -1,0 +1,43 @@
+"""The program: one thin command a file; errors on purpose end in one line and exit code 2."""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+
+from uppm.cli.check import check
+from uppm.cli.demo import demo
+from uppm.cli.evaluate import evaluate_app
+from uppm.cli.export import export
+from uppm.cli.info import info
+from uppm.cli.map import map_command
+from uppm.cli.query import query
+from uppm.core.errors import UppmError
+
+app = typer.Typer(
+    help="Unified promptable panoptic mapping: posed RGB-D in, a map that knows what things are out.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+)
+app.command("map")(map_command)
+app.command()(check)
+app.command()(info)
+app.command()(query)
+app.command()(export)
+app.command()(demo)
+app.add_typer(evaluate_app, name="evaluate")
+
+
+def main() -> None:
+    """Entry point: a `UppmError` is one line on standard error and exit code 2; a bug is a traceback and code 1."""
+    try:
+        app()
+    except UppmError as error:
+        typer.echo(f"error: {error}", err=True)
+        sys.exit(2)
+
+
+if __name__ == "__main__":
+    main()

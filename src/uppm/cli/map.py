@@ -1,0 +1,129 @@
+"""`uppm map`: a posed RGB-D sequence into a map file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from uppm.core.config import Config
+    from uppm.core.types import Report
+    from uppm.datasets.sequence import PosedSequence
+
+
+def map_command(
+    sequence: Annotated[Path, typer.Argument(help="Folder or file of a posed RGB-D sequence.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Map file to write.", metavar="MAP.uppm")],
+    perception: Annotated[str | None, typer.Option(help="Front end: embedded, groundtruth, precomputed.")] = None,
+    precomputed: Annotated[Path | None, typer.Option(help="Folder of id images for `precomputed`.")] = None,
+    format: Annotated[str | None, typer.Option(help="Reader; found by looking if not given.")] = None,
+    stride: Annotated[int | None, typer.Option(min=1, help="Use every n-th frame.")] = None,
+    max_frames: Annotated[int | None, typer.Option(min=1, help="Stop after so many frames.")] = None,
+    depth_scale: Annotated[float | None, typer.Option(help="Depth image units a metre.")] = None,
+    invert_poses: Annotated[bool | None, typer.Option("--invert-poses", help="Poses are camera-from-world.")] = None,
+    pose_axes: Annotated[str | None, typer.Option(help="Camera axes of the poses: opencv or opengl.")] = None,
+    quaternion_order: Annotated[str | None, typer.Option(help="xyzw or wxyz.")] = None,
+    up: Annotated[str | None, typer.Option(help="Up axis of the map: auto, +x, -x, +y, -y, +z or -z.")] = None,
+    config: Annotated[Path | None, typer.Option(help="YAML file of settings.")] = None,
+    set_: Annotated[list[str] | None, typer.Option("--set", help="One setting, as fusion.truncation=3.")] = None,
+    checkpoint_every: Annotated[int | None, typer.Option(min=1, help="Frames between checkpoints.")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with an existing map.")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing map.")] = False,
+    strict: Annotated[bool | None, typer.Option("--strict", help="End at the first bad frame.")] = None,
+    check: Annotated[bool, typer.Option(help="Judge poses, scale and intrinsics first.")] = True,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
+) -> None:
+    """Map a posed RGB-D sequence into one file that answers questions."""
+    from uppm.core.config import Config
+    from uppm.datasets.registry import open_sequence
+
+    options = {
+        "perception.profile": perception,
+        "perception.precomputed": precomputed,
+        "perception.up": up,
+        "input.format": format,
+        "input.stride": stride,
+        "input.max_frames": max_frames,
+        "input.depth_scale": depth_scale,
+        "input.invert_poses": invert_poses,
+        "input.pose_axes": pose_axes,
+        "input.quaternion_order": quaternion_order,
+        "input.strict": strict,
+        "map.checkpoint_every": checkpoint_every,
+    }
+    given = [f"{key}={value}" for key, value in options.items() if value is not None]
+    settings = Config.load(config, [*(set_ or []), *given])
+    source = open_sequence(sequence, settings.input)
+    if check and not resume:
+        warn_or_stop(source, quiet=as_json)
+    report = run(source, output, settings, resume=resume, overwrite=overwrite, quiet=as_json)
+    if as_json:
+        typer.echo(json.dumps({"map": str(output), **report_dict(report)}, indent=2))
+    else:
+        print_report(report, output)
+
+
+def warn_or_stop(source: PosedSequence, *, quiet: bool) -> None:
+    """The quick check: conventions that are wrong end the run, anything else is a warning."""
+    from uppm.core.errors import InputError
+    from uppm.datasets.check import check_sequence
+
+    result = check_sequence(source, quick=True)
+    for finding in result.findings:
+        if set(finding.kind.split("+")) & {"poses", "depth-scale", "intrinsics"}:
+            raise InputError(
+                source.name,
+                expected="poses, depth scale and intrinsics under which neighbouring frames agree",
+                found=finding.text,
+                advice=f"{finding.fix}, or map it as it is with --no-check",
+            )
+        typer.echo(f"warning: {finding}", err=True)
+    if not quiet:
+        typer.echo(f"{source.name}: {len(source)} frames; neighbouring ones agree within {result.agreement_cm:.1f} cm")
+
+
+def run(
+    source: PosedSequence, output: Path, config: Config, *, resume: bool, overwrite: bool, quiet: bool
+) -> Report:
+    """Map with a progress bar; says so when kernels are compiled first."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from uppm.pipeline import map_sequence
+
+    console = Console(stderr=True, quiet=quiet)
+    console.print("[dim]The first run on a machine compiles its kernels, for about half a minute.[/dim]")
+    columns = TextColumn("mapping"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task("mapping", total=len(source))
+
+        def show(done: int, total: int) -> None:
+            progress.update(task, completed=done, total=total)
+
+        return map_sequence(source, output, config, resume=resume, overwrite=overwrite, progress=show)
+
+
+def report_dict(report: Report) -> dict[str, object]:
+    """The report for programs; `frames_per_second` counts perception, retrieval and fusion."""
+    per_frame = sum(report.seconds.get(stage, 0.0) for stage in ("perception", "retrieval", "fusion"))
+    return {
+        "frames": report.frames,
+        "frames_per_second": round(report.frames / per_frame, 2) if per_frame else None,
+        "skipped": dict(report.skipped),
+        "dropped": dict(report.dropped),
+        "seconds": {stage: round(s, 3) for stage, s in report.seconds.items()},
+    }
+
+
+def print_report(report: Report, output: Path) -> None:
+    """The report for people."""
+    facts = report_dict(report)
+    typer.echo(f"{output}: {report.frames} frames, {facts['frames_per_second']} frames a second")
+    for stage, seconds in report.seconds.items():
+        typer.echo(f"  {stage:<12}{seconds:8.2f} s")
+    for title, counts in (("skipped frames", report.skipped), ("dropped", report.dropped)):
+        for reason, count in counts.items():
+            typer.echo(f"  {title}: {count} x {reason}")

@@ -1,0 +1,299 @@
+"""The one composer: frames through perception, retrieval and fusion into a panoptic map, and the map into a file."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from uppm.core.categories import unified_categories
+from uppm.core.config import Config
+from uppm.core.errors import BadFrameError, InputError
+from uppm.core.protocols import FrameSource, FrameViewer, Labeler, Retriever, Segmenter, TextEncoder
+from uppm.core.types import Checkpoint, Frame, FrameRecord, Label, Report, Submap
+from uppm.datasets.registry import open_sequence
+from uppm.fusion.engine import PanopticFusion
+from uppm.map.panoptic_map import PanopticMap
+from uppm.map.store import MapMeta, MapReader, MapWriter
+from uppm.perception.describe import describe
+from uppm.perception.registry import create_segmenter
+from uppm.perception.retrieval import create_retriever
+from uppm.perception.retrieval.embeddings import LabelEmbeddings
+
+PREPARE_FRAMES = 12
+"""Frames spread over a sequence that perception may look at before mapping."""
+
+__all__ = ["Mapper", "map_sequence", "open_map", "open_sequence"]
+
+
+class NoLabels:
+    """The labeler of closed-set front ends: the segmenter brings its own vocabulary."""
+
+    def label(self, frame: Frame) -> tuple[Label, ...]:
+        """No labels."""
+        return ()
+
+
+class NoViewer:
+    """Shows nothing."""
+
+    def show(self, frame: Frame, submap_ids: npt.NDArray[np.int32]) -> None:
+        """Do nothing."""
+
+
+class Timer:
+    """Seconds by stage."""
+
+    def __init__(self, seconds: Mapping[str, float] | None = None) -> None:
+        self.seconds = dict(seconds or {})
+
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start
+
+
+class Mapper:
+    """Builds a unified promptable panoptic map, frame by frame.
+
+    Parameters
+    ----------
+    config : Config
+    labeler, segmenter, retriever, viewer : optional
+        Back ends in place of those that the configuration names.
+
+    Examples
+    --------
+    >>> mapper = Mapper()
+    >>> for frame in frames:
+    ...     mapper.integrate(frame)
+    >>> mapper.map.query("mug")
+    """
+
+    def __init__(
+        self,
+        config: Config | None = None,
+        *,
+        labeler: Labeler | None = None,
+        segmenter: Segmenter | None = None,
+        retriever: Retriever | None = None,
+        viewer: FrameViewer | None = None,
+    ) -> None:
+        self.config = config or Config()
+        self._embeddings = LabelEmbeddings()
+        self._labeler = labeler or NoLabels()
+        self._segmenter = segmenter or create_segmenter(self.config.perception)
+        self._retriever = retriever or create_retriever(self.config.retrieval, self._embeddings)
+        self._viewer = viewer or NoViewer()
+        self._fusion = PanopticFusion(self.config.fusion, category_similarity(self._embeddings))
+        self._timer = Timer()
+        self._restored = Report()
+        self._integrated, self._skipped, self._dropped = 0, Counter[str](), Counter[str]()
+        self._records: list[FrameRecord] = []
+        self._all_records: list[FrameRecord] = []
+
+    def prepare(self, frames: Sequence[Frame]) -> None:
+        """Let perception look at a few frames spread over the sequence (for gravity, say); optional."""
+        self._segmenter.prepare(frames)
+
+    def integrate(self, frame: Frame) -> npt.NDArray[np.int32]:
+        """Fuse one frame; returns the submap id of each pixel, (H, W), 0 where there is none."""
+        with self._timer("perception"):
+            labels = self._labeler.label(frame)  # VLFE++, section 3.2.1
+            segmentation = self._segmenter.segment(frame, labels)  # OVPS, section 3.2.3
+        with self._timer("retrieval"):
+            described = describe(segmentation, self._retriever)  # SR, equation 1
+        with self._timer("fusion"):
+            submap_ids = self._fusion.fuse(frame, described)  # UPF, equation 4
+        self._dropped.update(segmentation.dropped)
+        self._integrated += 1
+        self._record(FrameRecord(index=frame.index, stamp=frame.stamp, T_map_camera=frame.T_map_camera))
+        self._viewer.show(frame, submap_ids)
+        return submap_ids
+
+    def skip(self, index: int, reason: str) -> None:
+        """Count a frame that cannot be used."""
+        self._skipped[reason] += 1
+        self._record(FrameRecord(index=index, stamp=float("nan"), T_map_camera=None, skipped=reason))
+
+    def _record(self, record: FrameRecord) -> None:
+        self._records.append(record)
+        self._all_records.append(record)
+
+    def finish(self) -> None:
+        """End the session: drop unconfirmed submaps, merge duplicates."""
+        with self._timer("finish"):
+            self._fusion.finish()
+
+    @property
+    def report(self) -> Report:
+        """What was done and left out so far."""
+        return Report(
+            frames=self._restored.frames + self._integrated,
+            skipped=dict(Counter(self._restored.skipped) + self._skipped),
+            dropped=dict(Counter(self._restored.dropped) + self._dropped + self._fusion.dropped),
+            seconds=dict(self._timer.seconds),
+        )
+
+    @property
+    def map(self) -> PanopticMap:
+        """The map as it is now."""
+        return PanopticMap(
+            submaps=self._fusion.submaps(),
+            voxels=self._fusion,
+            encoder=LabelEmbeddings,
+            label_embeddings=self._label_embeddings(self._fusion.submaps()),
+            report=self.report,
+            frames=self._all_records,
+            meta=MapMeta(config=self.config.model_dump_json(), provenance={}),
+        )
+
+    def _label_embeddings(self, submaps: Sequence[Submap]) -> dict[str, npt.NDArray[np.float32]]:
+        texts = sorted({r.text for s in submaps if s.descriptor for r in s.descriptor.labels})
+        return dict(zip(texts, self._embeddings.encode(texts), strict=True))
+
+    def checkpoint(self) -> Checkpoint:
+        """What changed since the last checkpoint."""
+        submaps = self._fusion.submaps()
+        changed, pruned = self._fusion.changes()
+        frames, self._records = tuple(self._records), []
+        return Checkpoint(
+            submaps=submaps,
+            changed=changed,
+            pruned=pruned,
+            next_id=self._fusion.next_id,
+            frames=frames,
+            label_embeddings=self._label_embeddings(submaps),
+            report=self.report,
+        )
+
+    def restore(self, saved: MapReader) -> None:
+        """Go on from a saved map; the mapper must be new."""
+        self._fusion.restore(saved.submaps(), saved, saved.next_id)
+        self._embeddings = LabelEmbeddings(known=saved.label_embeddings())
+        self._restored = saved.report()
+        self._timer = Timer(self._restored.seconds)
+        self._all_records = list(saved.frames())
+
+
+def category_similarity(encoder: TextEncoder) -> npt.NDArray[np.float32]:
+    """Cosine (C, C) of the embeddings of the unified categories' names, in the table's order."""
+    vectors = encoder.encode([category.name for category in unified_categories()])
+    return vectors @ vectors.T
+
+
+def open_map(path: str | Path) -> PanopticMap:
+    """Open a map file for reading; no voxels are read until they are asked for, no encoder before the first query.
+
+    Raises
+    ------
+    MapFileError
+        There is no such file, or it is no map, damaged, or of a newer schema.
+    """
+    reader = MapReader.open(path)
+    return PanopticMap.from_file(reader, encoder=lambda: LabelEmbeddings(known=reader.label_embeddings()))
+
+
+class Progress(Protocol):
+    """Told of each frame of a run."""
+
+    def __call__(self, done: int, total: int) -> None: ...
+
+
+def map_sequence(
+    source: FrameSource,
+    output: str | Path,
+    config: Config | None = None,
+    *,
+    resume: bool = False,
+    overwrite: bool = False,
+    progress: Progress = lambda done, total: None,
+    viewer: FrameViewer | None = None,
+) -> Report:
+    """Map a sequence into a file, a transaction every `config.map.checkpoint_every` frames.
+
+    Parameters
+    ----------
+    resume : bool
+        Go on after the last checkpoint of an existing map, with that map's own configuration.
+    overwrite : bool
+        Replace an existing map; it stays whole until the new one's first checkpoint.
+
+    Raises
+    ------
+    MapFileError
+        The file exists and neither option is given, or it cannot be written.
+    BadFrameError
+        A frame is bad and `config.input.strict`; otherwise bad frames are skipped and counted.
+    """
+    config = config or Config()
+    if not resume:
+        provenance = {"uppm": version("uppm"), "sequence": source.name, "frames": str(len(source))}
+        mapper, first = Mapper(config, viewer=viewer), 0
+        writer = MapWriter.create(output, config.model_dump_json(), provenance, overwrite=overwrite)
+    else:
+        saved = MapReader.open(output)
+        _check_same(saved, source, output)
+        mapper, first = Mapper(saved_config(saved), viewer=viewer), len(saved.frames())
+        mapper.restore(saved)
+        saved.close()
+        writer = MapWriter.resume(output)
+    with writer:
+        if first < len(source):
+            _run(mapper, source, first, writer, progress)
+    return mapper.report
+
+
+def saved_config(saved: MapReader) -> Config:
+    """The configuration that a map was made with."""
+    return Config.model_validate_json(saved.meta.config)
+
+
+def _check_same(saved: MapReader, source: FrameSource, path: str | Path) -> None:
+    made_of = (saved.meta.provenance.get("sequence"), saved.meta.provenance.get("frames"))
+    if made_of != (source.name, str(len(source))):
+        raise InputError(
+            path,
+            expected=f"the sequence that the map was begun with ({made_of[0]}, {made_of[1]} frames)",
+            found=f"{source.name}, {len(source)} frames",
+            advice="give that sequence with the same stride, or begin a new map",
+        )
+
+
+def _run(mapper: Mapper, source: FrameSource, first: int, writer: MapWriter, progress: Progress) -> None:
+    mapper.prepare(spread_frames(source))
+    every, total = mapper.config.map.checkpoint_every, len(source)
+    for position in range(first, total):
+        try:
+            mapper.integrate(source.frame(position))
+        except BadFrameError as error:
+            if mapper.config.input.strict:
+                raise
+            mapper.skip(source.indices[position], error.found)
+        progress(position + 1, total)
+        if (position + 1) % every == 0 and position + 1 < total:
+            writer.checkpoint(mapper.checkpoint())
+    mapper.finish()
+    # The last checkpoint follows `finish`, so that a map with all its frames is a finished one.
+    writer.checkpoint(mapper.checkpoint())
+
+
+def spread_frames(source: FrameSource, count: int = PREPARE_FRAMES) -> list[Frame]:
+    """Up to `count` good frames spread evenly over a sequence."""
+    frames: list[Frame] = []
+    for position in np.unique(np.linspace(0, len(source) - 1, count).astype(int)).tolist():
+        try:
+            frames.append(source.frame(position))
+        except BadFrameError:
+            continue
+    return frames
