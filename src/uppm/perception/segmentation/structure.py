@@ -23,10 +23,11 @@ MAX_TOLERANCE = 0.15
 MIN_WALL_AREA = 0.5
 """Square metres."""
 MIN_WALL_TOP = 1.5
-"""A wall is seen at least this high above the floor, metres."""
+"""A wall is seen at least this high above the floor, metres, unless the image's upper border cuts it."""
 FURNITURE_GAP = (0.15, 1.0)
 """An upright face with a parallel one behind it by so much is a piece of furniture, metres."""
-TABLE_HEIGHT = (0.45, 1.1)
+TABLE_HEIGHT = (0.5, 1.1)
+"""Metres above the floor."""
 MIN_TABLE_AREA = 0.12
 """Square metres."""
 SCORES = {"floor": 0.9, "ceiling": 0.9, "wall": 0.7, "table": 0.35}
@@ -51,18 +52,31 @@ class PatchStatistics:
 def find_structure(frame: Frame, gravity: Gravity) -> list[tuple[Mask, Segment]]:
     """Structural segments of a frame, each with its mask (H, W)."""
     surface = surfaces(frame)
-    height = _heights(frame, gravity, surface)
-    level = (surface.normals @ (frame.T_map_camera[:3, :3].T @ gravity.up)).astype(np.float32)
     tolerance = np.clip(TOLERANCE + 3 * surface.noise * surface.depth**2, 0, MAX_TOLERANCE)
-    statistics = patch_statistics(frame, gravity, surface, height)
-    found: list[tuple[str, Mask]] = []
-    for name, at, facing in (("floor", gravity.floor, level), ("ceiling", gravity.ceiling, -level)):
-        if at is not None:
-            near = (surface.depth > 0) & (np.abs(height - at) < tolerance)
-            found.append((name, near & (facing > LEVEL_COS)))
+    statistics = patch_statistics(frame, gravity, surface)
+    found = _levels(frame, gravity, surface, statistics, tolerance)
     found += [("wall", mask) for mask in _walls(frame, gravity, surface, statistics, tolerance)]
     found += [("table", surface.patches == patch) for patch in _tables(gravity, statistics)]
     return [(_full_size(mask, frame), _segment(name)) for name, mask in found if mask.any()]
+
+
+def _levels(
+    frame: Frame, gravity: Gravity, surface: Surfaces, s: PatchStatistics, tolerance: npt.NDArray[np.float32]
+) -> list[tuple[str, Mask]]:
+    """Floor and ceiling: level pixels at their height, and the whole of the patches that are level and there."""
+    R, t = frame.T_map_camera[:3, :3], frame.T_map_camera[:3, 3]
+    up = (R.T @ gravity.up).astype(np.float32)
+    height = surface.points @ up + np.float32(t @ gravity.up)
+    level = surface.normals @ up
+    found: list[tuple[str, Mask]] = []
+    for name, at, sign in (("floor", gravity.floor, 1), ("ceiling", gravity.ceiling, -1)):
+        if at is None:
+            continue
+        near = (surface.depth > 0) & (np.abs(height - at) < tolerance)
+        flat = (sign * (s.normal @ gravity.up) > LEVEL_COS) & (s.flat > 0.9)
+        whole = np.flatnonzero(flat & (np.abs(s.center @ gravity.up - at) < 2 * TOLERANCE)) + 1
+        found.append((name, near & ((sign * level > LEVEL_COS) | np.isin(surface.patches, whole))))
+    return found
 
 
 def _segment(name: str) -> Segment:
@@ -76,39 +90,32 @@ def _full_size(mask: Mask, frame: Frame) -> Mask:
     return full.astype(bool) & (frame.depth > 0)
 
 
-def _heights(frame: Frame, gravity: Gravity, surface: Surfaces) -> npt.NDArray[np.float32]:
-    """Height (h, w) of each pixel along the up axis, metres in frame map."""
-    R, t = frame.T_map_camera[:3, :3], frame.T_map_camera[:3, 3]
-    return (surface.points @ (R.T @ gravity.up).astype(np.float32) + np.float32(t @ gravity.up)).astype(np.float32)
-
-
-def patch_statistics(
-    frame: Frame, gravity: Gravity, surface: Surfaces, height: npt.NDArray[np.float32]
-) -> PatchStatistics:
-    """Mean normal, centre, area and top of each patch."""
-    seen = (surface.patches > 0) & (surface.depth > 0)
-    ids, n = surface.patches[seen] - 1, surface.count
-    p, normals = surface.points[seen].astype(np.float64), surface.normals[seen].astype(np.float64)
+def patch_statistics(frame: Frame, gravity: Gravity, surface: Surfaces) -> PatchStatistics:
+    """Mean normal, centre, area and top of each patch, from every second pixel of every second row."""
+    patches, n = surface.patches[::2, ::2], surface.count
+    seen = (patches > 0) & (surface.depth[::2, ::2] > 0)
+    ids = patches[seen] - 1
+    p, normals = surface.points[::2, ::2][seen].astype(np.float64), surface.normals[::2, ::2][seen].astype(np.float64)
     counts = np.maximum(np.bincount(ids, minlength=n), 1)[:, None]
     center = np.stack([np.bincount(ids, p[:, k], n) for k in range(3)], axis=1) / counts
     normal = np.stack([np.bincount(ids, normals[:, k], n) for k in range(3)], axis=1) / counts
     flat = np.linalg.norm(normal, axis=1)
     facing = np.abs(np.einsum("ij,ij->i", p, normals)) / np.linalg.norm(p, axis=1)
     k = frame.intrinsics
-    pixel = surface.scale**2 / (k.fx * k.fy) * p[:, 2] ** 2 / np.maximum(facing, 0.1)
-    top = np.full(n, -np.inf)
-    np.maximum.at(top, ids, height[seen].astype(np.float64) - (gravity.floor or 0.0))
+    area = (2 * surface.scale) ** 2 / (k.fx * k.fy) * p[:, 2] ** 2 / np.maximum(facing, 0.1)
     R, t = frame.T_map_camera[:3, :3], frame.T_map_camera[:3, 3]
+    top = np.full(n, -np.inf)
+    np.maximum.at(top, ids, p @ (R.T @ gravity.up) + t @ gravity.up - (gravity.floor or 0.0))
     unit = normal / np.maximum(flat, 1e-9)[:, None]
     return PatchStatistics(
-        normal=unit @ R.T, center=center @ R.T + t, area=np.bincount(ids, pixel, n), top=top, flat=flat
+        normal=unit @ R.T, center=center @ R.T + t, area=np.bincount(ids, area, n), top=top, flat=flat
     )
 
 
 def _walls(
     frame: Frame, gravity: Gravity, surface: Surfaces, s: PatchStatistics, tolerance: npt.NDArray[np.float32]
 ) -> list[Mask]:
-    """One mask a wall plane: upright patches that share a plane, large and high enough, with nothing parallel behind."""
+    """One mask a wall: upright patches that share a plane, large and high enough, with nothing parallel behind."""
     upright = (np.abs(s.normal @ gravity.up) < UPRIGHT_SIN) & (s.flat > 0.9)
     left, walls = upright.copy(), []
     R, t = frame.T_map_camera[:3, :3], frame.T_map_camera[:3, 3]
@@ -122,7 +129,8 @@ def _walls(
         left &= ~members
         behind = parallel & (offset < -FURNITURE_GAP[0]) & (offset > -FURNITURE_GAP[1])
         furniture = s.area[behind].sum() > 0.25 * s.area[members].sum()
-        low = gravity.floor is not None and s.top[members].max() < MIN_WALL_TOP
+        cut = np.isin(surface.patches[:3], np.flatnonzero(members) + 1).any()
+        low = gravity.floor is not None and not cut and s.top[members].max() < MIN_WALL_TOP
         if furniture or low or s.area[members].sum() < MIN_WALL_AREA:
             continue
         distance = np.abs(surface.points @ (R.T @ normal) + (t - s.center[seed]) @ normal)
