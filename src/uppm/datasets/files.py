@@ -141,7 +141,8 @@ def read_matrix(path: Path, size: int) -> npt.NDArray[np.float64]:
 
 def intrinsics_of(K: npt.NDArray[np.float64], size: tuple[int, int], where: str | Path) -> Intrinsics:
     """Intrinsics of a camera matrix (3x3, or 4x4 whose upper left is) and an image size (width, height)."""
-    if not (K[0, 0] > 0 and K[1, 1] > 0 and K[2, 2] == 1 and abs(K[0, 1]) < 1e-6 * K[0, 0]):
+    pinhole = [[K[0, 0], 0, K[0, 2]], [0, K[1, 1], K[1, 2]], [0, 0, 1]]
+    if not (K[0, 0] > 0 and K[1, 1] > 0 and np.allclose(K[:3, :3], pinhole, atol=1e-6)):
         expected = "a camera matrix fx 0 cx; 0 fy cy; 0 0 1"
         found = "; ".join(" ".join(f"{value:g}" for value in row[:3]) for row in K[:3])
         raise InputError(where, expected=expected, found=found, advice="write it row by row, in pixels")
