@@ -43,15 +43,16 @@ def test_round_trip(tmp_path: Path) -> None:
     submaps = [free, submap_of(2, CUP), submap_of(5, WALL, kind=SubmapKind.BACKGROUND, state=SubmapState.TENTATIVE)]
     frames = (
         FrameRecord(index=0, stamp=1.5, T_map_camera=submaps[0].T_map_submap),
-        FrameRecord(index=1, stamp=1.6, T_map_camera=None, skipped="unreadable"),
+        FrameRecord(index=1, stamp=float("nan"), T_map_camera=None, skipped="unreadable"),
     )
     report = Report(frames=1, skipped={"unreadable": 1}, dropped={"too small": 3}, seconds={"fusion": 0.25})
     vector = np.linspace(0, 1, 768, dtype=np.float32)
     with MapWriter.create(path, "fusion: {}", {"sequence": "run1"}) as writer:
+        writer.note("up", "0 0 1")
         changes = {"changed": {2: blocks}, "frames": frames, "report": report, "label_embeddings": {"mug": vector}}
         writer.checkpoint(checkpoint_of(submaps, next_id=9, **changes))
     reader = MapReader.open(path)
-    assert (reader.meta.config, reader.meta.provenance) == ("fusion: {}", {"sequence": "run1"})
+    assert (reader.meta.config, reader.meta.provenance) == ("fusion: {}", {"sequence": "run1", "up": "0 0 1"})
     for a, b in zip(submaps, reader.submaps(), strict=True):
         assert_same_submap(a, b)
     assert_same_blocks(reader.blocks(2), blocks)

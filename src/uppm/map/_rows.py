@@ -60,6 +60,7 @@ def _joined(provenance: Iterable[Provenance]) -> str:
 
 
 def frame_row(frame: FrameRecord) -> Row:
+    """Columns of `frames` in order; SQLite keeps a NaN stamp as NULL."""
     pose = None if frame.T_map_camera is None else pose_blob(frame.T_map_camera)
     return frame.index, frame.stamp, pose, frame.skipped
 
@@ -122,7 +123,10 @@ def read_submap(row: Row, categories: Mapping[int, Category], labels: Mapping[in
 def read_frame(row: Row) -> FrameRecord:
     index, stamp, pose, skipped = row
     return FrameRecord(
-        index=index, stamp=stamp, T_map_camera=None if pose is None else pose_array(pose), skipped=skipped
+        index=index,
+        stamp=float("nan") if stamp is None else stamp,
+        T_map_camera=None if pose is None else pose_array(pose),
+        skipped=skipped,
     )
 
 

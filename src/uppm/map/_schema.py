@@ -30,7 +30,7 @@ CREATE TABLE blocks (
     submap INTEGER NOT NULL REFERENCES submaps (id) ON DELETE CASCADE,
     x INTEGER NOT NULL, y INTEGER NOT NULL, z INTEGER NOT NULL, voxels BLOB NOT NULL,
     PRIMARY KEY (submap, x, y, z)) WITHOUT ROWID;
-CREATE TABLE frames (idx INTEGER PRIMARY KEY, stamp REAL NOT NULL, T_map_camera BLOB, skipped TEXT);
+CREATE TABLE frames (idx INTEGER PRIMARY KEY, stamp REAL, T_map_camera BLOB, skipped TEXT);
 CREATE TABLE report (
     section TEXT NOT NULL, reason TEXT NOT NULL, value REAL NOT NULL, PRIMARY KEY (section, reason)) WITHOUT ROWID;
 """

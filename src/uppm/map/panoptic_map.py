@@ -18,7 +18,7 @@ Coloring = Literal["color", "instance", "category"]
 
 
 class PanopticMap:
-    """Submaps with their voxels, labels and report.
+    """Submaps with their voxels, labels and report, as they were when it was made; each surface is meshed once.
 
     Parameters
     ----------
@@ -45,6 +45,7 @@ class PanopticMap:
         self.meta = meta or MapMeta()
         self.label_embeddings = dict(label_embeddings or {})
         self._by_id = {submap.id: submap for submap in self.submaps}
+        self._meshes: dict[int, Mesh] = {}
         self._voxels, self._make_encoder = voxels, encoder
 
     @classmethod
@@ -64,6 +65,12 @@ class PanopticMap:
     def objects(self) -> tuple[Submap, ...]:
         """The things that were seen often enough to be believed."""
         return tuple(s for s in self.submaps if s.kind is SubmapKind.OBJECT and s.state is not SubmapState.TENTATIVE)
+
+    @property
+    def up(self) -> npt.NDArray[np.float64]:
+        """(3,) unit vector against gravity in frame map, as noted with the map under `up` ("x y z"); else +z."""
+        values = [float(v) for v in self.meta.provenance.get("up", "0 0 1").split()]
+        return np.array(values) / np.linalg.norm(values)
 
     def submap(self, submap_id: int) -> Submap:
         """The submap of an id; raises `InputError` where there is none."""
@@ -85,9 +92,10 @@ class PanopticMap:
         from uppm.map.mesh import empty_mesh, submap_mesh
 
         submap = self.submap(submap_id)
-        if submap.kind is SubmapKind.FREESPACE:
-            return empty_mesh()
-        mesh = submap_mesh(submap, self.blocks(submap_id))
+        if submap_id not in self._meshes:
+            freespace = submap.kind is SubmapKind.FREESPACE
+            self._meshes[submap_id] = empty_mesh() if freespace else submap_mesh(submap, self.blocks(submap_id))
+        mesh = self._meshes[submap_id]
         if coloring == "color":
             return mesh
         colors = np.tile(np.array(submap_color(submap, coloring), dtype=np.uint8), (len(mesh.vertices), 1))
@@ -105,6 +113,8 @@ class PanopticMap:
         """What `uppm info --json` prints: lengths in metres, frame map."""
         return {
             "frames": self.report.frames,
+            "units": "m",
+            "up": _rounded(self.up),
             "submaps": [submap_dict(s) for s in self.submaps],
             "report": {
                 "frames": self.report.frames,

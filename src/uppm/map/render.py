@@ -15,7 +15,7 @@ from uppm.core.types import Mesh
 Image = npt.NDArray[np.uint8]
 Vector = Sequence[float] | npt.NDArray[np.floating]
 
-BACKGROUND = (247, 247, 244)
+BACKGROUND = (236, 238, 242)
 Z_UP = (0.0, 0.0, 1.0)
 _SUPERSAMPLING = 2
 _MARGIN = 0.04

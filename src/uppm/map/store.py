@@ -101,6 +101,11 @@ class MapWriter:
             else:
                 _database.lock(self._db)
 
+    def note(self, key: str, value: str) -> None:
+        """Add to the map's provenance, with the next checkpoint."""
+        with map_errors(self.path):
+            self._db.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (_NOTE + key, value))
+
     def close(self) -> None:
         """End writing; a map without any checkpoint leaves nothing behind."""
         with map_errors(self.path):

@@ -1,0 +1,112 @@
+"""Exported files: read back by another program, written whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import resource
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+from trimesh.visual.color import ColorVisuals
+
+from tests.map.scenes import blocks_of, box, sphere, submap_of
+from uppm.core.errors import InputError
+from uppm.core.types import Mesh
+from uppm.export.files import write_bytes, write_json, write_png
+from uppm.export.meshes import write_meshes, write_objects
+from uppm.map.mesh import empty_mesh, merged, submap_mesh
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+@pytest.fixture(scope="module")
+def meshes() -> dict[str, Mesh]:
+    submap = submap_of(1)
+    shapes = {"1_cup": sphere((0, 0, 0), 0.2), "2_dining table": box((0.3, 0, 0), (0.5, 0.2, 0.2))}
+    return {
+        name: submap_mesh(submap, blocks_of(shape, (-0.3,) * 3, (0.7,) * 3, 0.02)) for name, shape in shapes.items()
+    }
+
+
+def assert_same(found: trimesh.Trimesh, expected: Mesh) -> None:
+    np.testing.assert_allclose(found.vertices, expected.vertices, atol=1e-6)
+    np.testing.assert_array_equal(found.faces, expected.faces)
+    visual = found.visual
+    assert isinstance(visual, ColorVisuals)
+    np.testing.assert_array_equal(np.asarray(visual.vertex_colors)[:, :3], expected.colors)
+
+
+def test_ply_round_trip(tmp_path: Path, meshes: dict[str, Mesh]) -> None:
+    path = tmp_path / "scene.ply"
+    write_meshes(path, meshes, up=UP)
+    header = path.read_bytes().partition(b"end_header")[0]
+    assert b"format binary_little_endian" in header
+    assert b"property float nx" in header
+    assert_same(trimesh.load_mesh(path, process=False), merged(list(meshes.values())))
+
+
+def test_glb_round_trip_is_upright(tmp_path: Path, meshes: dict[str, Mesh]) -> None:
+    path = tmp_path / "scene.glb"
+    write_meshes(path, meshes, up=UP)
+    scene = trimesh.load_scene(path, process=False)
+    assert set(scene.graph.nodes_geometry) == set(meshes)
+    for name, expected in meshes.items():
+        pose, geometry = scene.graph.get(name)
+        assert geometry is not None
+        np.testing.assert_allclose(pose[:3, :3] @ UP, [0, 1, 0], atol=1e-7)
+        assert_same(scene.geometry[geometry], expected)
+        np.testing.assert_allclose(scene.geometry[geometry].vertex_normals, expected.normals, atol=1e-5)
+
+
+def test_objects_become_a_file_each(tmp_path: Path, meshes: dict[str, Mesh]) -> None:
+    folder = tmp_path / "objects"
+    files = write_objects(folder, {**meshes, "3_ghost": empty_mesh()})
+    assert [f.name for f in files] == ["1_cup.ply", "2_dining_table.ply"]
+    assert sorted(folder.iterdir()) == files
+    assert_same(trimesh.load_mesh(files[1], process=False), meshes["2_dining table"])
+
+
+def test_png_is_rgb(tmp_path: Path) -> None:
+    image = np.random.default_rng(0).integers(0, 255, (20, 30, 3)).astype(np.uint8)
+    write_png(tmp_path / "a.png", image)
+    found = cv2.imread(str(tmp_path / "a.png"))
+    assert found is not None
+    np.testing.assert_array_equal(found[..., ::-1], image)
+
+
+def test_json(tmp_path: Path) -> None:
+    write_json(tmp_path / "scene.json", {"label": "Tür", "center": [1.0, 2.0, 3.0]})
+    assert json.loads((tmp_path / "scene.json").read_text())["label"] == "Tür"
+    with pytest.raises(ValueError, match="JSON compliant"):
+        write_json(tmp_path / "nan.json", {"x": float("nan")})
+
+
+def test_wrong_destinations(tmp_path: Path, meshes: dict[str, Mesh]) -> None:
+    with pytest.raises(InputError, match="nothing there; make it"):
+        write_meshes(tmp_path / "absent" / "a.ply", meshes, up=UP)
+    with pytest.raises(InputError, match=r"found '\.obj'"):
+        write_meshes(tmp_path / "a.obj", meshes, up=UP)
+    with pytest.raises(InputError, match="with surfaces"):
+        write_meshes(tmp_path / "a.ply", {}, up=UP)
+    with pytest.raises(InputError, match="found a folder"):
+        write_bytes(tmp_path, b"")
+    with pytest.raises(InputError, match="nor its parent"):
+        write_objects(tmp_path / "absent" / "objects", meshes)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_full_disk_keeps_the_older_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    path.write_bytes(b"older")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
+    try:
+        with pytest.raises(InputError, match="room for the file"):
+            write_bytes(path, bytes(200_000))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert path.read_bytes() == b"older"
+    assert list(tmp_path.iterdir()) == [path]
