@@ -59,7 +59,8 @@ class PerceptionConfig(Section):
 class RetrievalConfig(Section):
     """Semantic retrieval (paper section 3.2.2)."""
 
-    method: Literal["paper"] = "paper"
+    method: Literal["paper", "uppm"] = "uppm"
+    """paper: nearest category name (equation 1); uppm: prototypes of each category, docs/retrieval.md."""
 
 
 class FusionConfig(Section):
