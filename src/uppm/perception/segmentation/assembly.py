@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from uppm.core.categories import SIZE_PRIORS, category_by_name
-from uppm.core.types import Detections, Frame, PanopticSegmentation, Segment
+from uppm.core.types import Detections, Frame, PanopticSegmentation, Provenance, Segment
+
+Mask = npt.NDArray[np.bool_]
 
 REFERENCE_PIXELS = 640 * 480
 SMALL_SHARE = 0.4
@@ -18,17 +20,21 @@ DUPLICATE_IOU = 0.7
 """Two boxes of different classes that overlap so much are one object."""
 CONTAINED = 0.9
 """Two boxes of one class, one of which has this share of its area in the other, are one object."""
+NESTED = 0.7
+"""A mask with this share in another's lies on it."""
+SMALLER = 0.5
+"""... if it is smaller than this share of the other."""
+MIN_VISIBLE = {True: 0.5, False: 0.1}
+"""Structure that others cover for the most part was theirs; a thing keeps what is left of it."""
 
 
-def drop_duplicate_boxes(found: Detections) -> tuple[Detections, int]:
-    """Keep the best box of each object; also gives how many were dropped."""
-    order = np.argsort(-found.scores, kind="stable")
+def distinct_boxes(found: Detections, among: npt.NDArray[np.intp]) -> list[int]:
+    """Indices, of those given, of the best box of each object, best first."""
     keep: list[int] = []
-    for i in order:
+    for i in among[np.argsort(-found.scores[among], kind="stable")]:
         if not any(_same_object(found, int(i), k) for k in keep):
             keep.append(int(i))
-    labels = tuple(found.labels[i] for i in keep)
-    return Detections(boxes=found.boxes[keep], scores=found.scores[keep], labels=labels), len(order) - len(keep)
+    return keep
 
 
 def _same_object(found: Detections, i: int, j: int) -> bool:
@@ -42,28 +48,43 @@ def _same_object(found: Detections, i: int, j: int) -> bool:
 
 
 def assemble(
-    frame: Frame,
-    candidates: Sequence[tuple[npt.NDArray[np.bool_], Segment]],
-    min_pixels: int,
-    dropped: Counter[str] | None = None,
+    frame: Frame, candidates: Sequence[tuple[Mask, Segment]], min_pixels: int, dropped: Mapping[str, int] | None = None
 ) -> PanopticSegmentation:
     """Paint the candidates' masks (H, W) into one id image.
 
-    A pixel goes to the first that claims it: things before stuff, then the higher score. `min_pixels` is meant at
-    640x480. A segment whose visible rest is too small is dropped and counted in `dropped`.
+    A pixel goes to the first that claims it, in the order of `paint_order`. `min_pixels` is meant at 640x480. A segment
+    whose visible rest is too small is dropped and counted; `dropped` holds what was counted before.
     """
     counts = Counter(dropped or {})
     ids = np.zeros(frame.depth.shape, dtype=np.int32)
     kept: list[Segment] = []
-    for mask, segment in sorted(candidates, key=lambda c: (not c[1].is_thing, -c[1].score)):
+    for i in paint_order(candidates):
+        mask, segment = candidates[i]
         visible = mask & (ids == 0)
-        if np.count_nonzero(visible) < _min_area(segment, min_pixels, ids.size):
-            counts["too_small" if np.count_nonzero(mask) < min_pixels else "hidden_by_others"] += 1
+        area, least = np.count_nonzero(visible), _min_area(segment, min_pixels, ids.size)
+        whole = np.count_nonzero(mask)
+        if area < max(least, MIN_VISIBLE[segment.label.provenance == Provenance.STRUCTURE] * whole):
+            counts["too_small" if whole < least else "hidden_by_others"] += 1
             continue
         kept.append(segment)
         ids[visible] = len(kept)
     counts["unlabeled_pixels"] = int(np.count_nonzero((ids == 0) & (frame.depth > 0)))
     return PanopticSegmentation(ids=ids, segments=tuple(kept), dropped=dict(counts))
+
+
+def paint_order(candidates: Sequence[tuple[Mask, Segment]]) -> list[int]:
+    """Indices in the order of their claims: things before stuff, a thing on a larger thing before it, higher score.
+
+    A table's mask holds what stands on it, since depth shows no gap there: a thing that lies for the most part within
+    another's mask and is much smaller is painted first.
+    """
+    masks = np.stack([mask[::4, ::4].ravel() for mask, _ in candidates]) if candidates else np.zeros((0, 1), dtype=bool)
+    shared = masks.astype(np.float32) @ masks.T.astype(np.float32)
+    area = np.maximum(np.diag(shared), 1)
+    within = (shared > NESTED * area[:, None]) & (area[:, None] < SMALLER * area)
+    thing = np.array([segment.is_thing for _, segment in candidates], dtype=bool)
+    depth = (within & thing & thing[:, None]).sum(axis=1)
+    return sorted(range(len(candidates)), key=lambda i: (not thing[i], -depth[i], -candidates[i][1].score))
 
 
 def _min_area(segment: Segment, min_pixels: int, image_pixels: int) -> float:

@@ -11,8 +11,9 @@ from uppm.core.config import PerceptionConfig
 from uppm.core.protocols import Detector, MaskGenerator
 from uppm.core.types import Frame, Label, PanopticSegmentation, Segment
 from uppm.perception.registry import create_detector, create_mask_generator
-from uppm.perception.segmentation.assembly import assemble, drop_duplicate_boxes
+from uppm.perception.segmentation.assembly import Mask, assemble, distinct_boxes
 from uppm.perception.segmentation.gravity import Gravity, estimate_gravity
+from uppm.perception.segmentation.plausible import has_plausible_size, off_the_floor
 from uppm.perception.segmentation.structure import find_structure
 
 
@@ -38,12 +39,19 @@ class EmbeddedSegmenter:
 
     def segment(self, frame: Frame, labels: Sequence[Label] = ()) -> PanopticSegmentation:
         """Panoptic segmentation of one frame (paper section 3.2.3)."""
-        found, duplicates = drop_duplicate_boxes(self._detector.detect(frame.color, labels))
+        structure = find_structure(frame, self._gravity or estimate_gravity((frame,), self._config.up))
+        things, dropped = self._things(frame, labels)
+        things = [(off_the_floor(mask, structure), segment) for mask, segment in things]
+        return assemble(frame, things + structure, self._config.min_mask_pixels, dropped)
+
+    def _things(self, frame: Frame, labels: Sequence[Label]) -> tuple[list[tuple[Mask, Segment]], Counter[str]]:
+        found = self._detector.detect(frame.color, labels)
         masks = self._masks.masks(frame, found.boxes)
+        fits = [has_plausible_size(frame, m, label.text) for m, label in zip(masks, found.labels, strict=True)]
+        unique = distinct_boxes(found, np.flatnonzero(fits))
+        dropped = Counter(implausible_size=fits.count(False), duplicate_box=fits.count(True) - len(unique))
         things = [
-            (mask, Segment(label=label, score=float(np.clip(score, 0, 1)), is_thing=True))
-            for mask, label, score in zip(masks, found.labels, found.scores, strict=True)
+            (masks[i], Segment(label=found.labels[i], score=float(np.clip(found.scores[i], 0, 1)), is_thing=True))
+            for i in unique
         ]
-        gravity = self._gravity or estimate_gravity((frame,), self._config.up)
-        dropped = Counter({"duplicate_box": duplicates}) if duplicates else None
-        return assemble(frame, things + find_structure(frame, gravity), self._config.min_mask_pixels, dropped)
+        return things, +dropped
