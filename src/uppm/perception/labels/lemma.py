@@ -45,7 +45,7 @@ of with in on at for to from by near under over behind beside next that which
 _KEEP_IE, _INVARIANT, _ARTICLES, _PREPOSITIONS = (
     frozenset(text.split()) for text in (_KEEP_IE_TEXT, _INVARIANT_TEXT, _ARTICLES_TEXT, _PREPOSITIONS_TEXT)
 )
-"""Plurals of words in -ie; words that are no plural, or only plural; what a label may begin with; what ends its head."""
+"""Plurals of words in -ie; words without a singular; what a label may begin with; what ends its head."""
 
 
 @lru_cache(maxsize=65536)

@@ -142,7 +142,7 @@ def category_scores(
 
 
 def known_head(phrase: str) -> str | None:
-    """The longest proper part of a noun phrase that ends in its head and is a term: 'tall floor lamp' -> 'floor lamp'."""
+    """The longest proper part of a noun phrase that ends in its head and is a term: 'tall red lamp' -> 'lamp'."""
     words = phrase.split()
     end = head_index(words) + 1 if words else 0
     endings = (" ".join(words[start:end]) for start in range(end))
@@ -183,3 +183,14 @@ def catch_alls() -> tuple[str, ...]:
 @cache
 def _name_vectors() -> npt.NDArray[np.float32]:
     return np.stack([shipped_embeddings()[category.name] for category in unified_categories()])
+
+
+@cache
+def category_vectors() -> dict[int, npt.NDArray[np.float32]]:
+    """Category id -> unit vectors (K, D) of its terms and gloss; what `uppm.map.query.rank` compares a query with."""
+    table = prototype_table()
+    terms = np.split(table.terms, table.starts[1:])
+    return {
+        row.category.id: np.vstack([own, gloss])
+        for row, own, gloss in zip(prototypes(), terms, table.glosses, strict=True)
+    }
