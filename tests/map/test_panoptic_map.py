@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import sqlite3
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 import zstandard
 
@@ -130,3 +132,46 @@ def test_documented_example_reads_the_file(path: Path) -> None:
     np.testing.assert_array_equal(np.ascontiguousarray(planes[2:6].T).view("<f4").ravel(), BALL.weight[row].ravel())
     np.testing.assert_array_equal(planes[6:9].T, BALL.color[row].reshape(512, 3))
     np.testing.assert_array_equal(planes[9:11].T, BALL.belonging[row].reshape(512, 2))
+
+
+class Basis:
+    """Every text a unit vector of its own."""
+
+    def __init__(self) -> None:
+        self.texts: list[str] = []
+
+    def encode(self, texts: Sequence[str]) -> npt.NDArray[np.float32]:
+        self.texts += [text for text in texts if text not in self.texts]
+        return np.eye(256, dtype=np.float32)[[self.texts.index(text) for text in texts]]
+
+
+def test_query_finds_and_does_not_find(path: Path) -> None:
+    made = []
+
+    def encoder() -> Basis:
+        made.append(Basis())
+        return made[-1]
+
+    vectors = {c.id: np.eye(256, dtype=np.float32)[255 - c.id] for c in (CUP, CHAIR, WALL)}
+    panoptic = PanopticMap.from_file(MapReader.open(path), encoder=encoder, category_embeddings=lambda: vectors)
+    assert made == []
+    answer = panoptic.query("Cup ").to_dict()
+    assert (answer["found"], answer["closest"]) == (True, [])
+    first = answer["results"][0]
+    assert (first["id"], first["category"], first["matched_label"]) == (2, "cup", "cup")
+    assert first["center"] == [0.5, -0.25, 1.0]
+    assert 0.5 <= first["probability"] <= 1
+    nothing = panoptic.query("submarine", limit=2)
+    assert not nothing.found
+    assert nothing.results == ()
+    assert len(nothing.closest) == 2
+    assert len(made) == 1
+    assert {a.submap.id for a in panoptic.query("chair").results} == {3}, "tentative submaps are not believed"
+
+
+def test_query_without_words_or_encoder(path: Path) -> None:
+    panoptic = PanopticMap.from_file(MapReader.open(path))
+    with pytest.raises(InputError, match="a phrase"):
+        panoptic.query("  ")
+    with pytest.raises(InputError, match="text encoder"):
+        panoptic.query("cup")

@@ -3,18 +3,49 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from uppm.core.categories import unified_categories
 from uppm.core.errors import InputError
 from uppm.core.protocols import TextEncoder, VoxelSource
 from uppm.core.types import FrameRecord, Mesh, Report, Submap, SubmapKind, SubmapState, VoxelBlocks
 from uppm.map.palette import submap_color
+from uppm.map.query import Answer, rank
 from uppm.map.store import MapMeta, MapReader
 
 Coloring = Literal["color", "instance", "category"]
+Vector = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class QueryResult:
+    """What a map answers to a phrase."""
+
+    text: str
+    """As asked."""
+    results: tuple[Answer, ...]
+    """The submaps that are more likely meant than not, the most probable first; none: nothing here matches."""
+    closest: tuple[Answer, ...]
+    """Where nothing matches: the submaps that come closest."""
+
+    @property
+    def found(self) -> bool:
+        """Something in the map matches."""
+        return bool(self.results)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What `uppm query --json` prints."""
+        return {
+            "query": self.text,
+            "found": self.found,
+            "results": [_answer_dict(answer) for answer in self.results],
+            "closest": [_answer_dict(answer) for answer in self.closest],
+        }
 
 
 class PanopticMap:
@@ -25,6 +56,8 @@ class PanopticMap:
     submaps : the map's submaps, by id.
     voxels : where their voxels are; asked only when they are needed.
     encoder : makes the text encoder, on the first query.
+    category_embeddings : makes category id -> unit vectors, (D,) or (K, D), on the first query; None: of the names.
+    lemmatize : brings a query into the form of the labels.
     label_embeddings : label text -> unit vector (D,), as stored with the map.
     """
 
@@ -34,7 +67,9 @@ class PanopticMap:
         submaps: Iterable[Submap],
         voxels: VoxelSource,
         encoder: Callable[[], TextEncoder] | None = None,
-        label_embeddings: Mapping[str, npt.NDArray[np.float32]] | None = None,
+        category_embeddings: Callable[[], Mapping[int, Vector]] | None = None,
+        lemmatize: Callable[[str], str] = str.lower,
+        label_embeddings: Mapping[str, Vector] | None = None,
         report: Report | None = None,
         frames: Iterable[FrameRecord] = (),
         meta: MapMeta | None = None,
@@ -46,15 +81,25 @@ class PanopticMap:
         self.label_embeddings = dict(label_embeddings or {})
         self._by_id = {submap.id: submap for submap in self.submaps}
         self._meshes: dict[int, Mesh] = {}
-        self._voxels, self._make_encoder = voxels, encoder
+        self._voxels, self._make_encoder, self._lemmatize = voxels, encoder, lemmatize
+        self._make_categories = category_embeddings or self._encoded_names
 
     @classmethod
-    def from_file(cls, reader: MapReader, *, encoder: Callable[[], TextEncoder] | None = None) -> PanopticMap:
+    def from_file(
+        cls,
+        reader: MapReader,
+        *,
+        encoder: Callable[[], TextEncoder] | None = None,
+        category_embeddings: Callable[[], Mapping[int, Vector]] | None = None,
+        lemmatize: Callable[[str], str] = str.lower,
+    ) -> PanopticMap:
         """The map of an open file; no voxels are read yet."""
         return cls(
             submaps=reader.submaps(),
             voxels=reader,
             encoder=encoder,
+            category_embeddings=category_embeddings,
+            lemmatize=lemmatize,
             label_embeddings=reader.label_embeddings(),
             report=reader.report(),
             frames=reader.frames(),
@@ -109,6 +154,39 @@ class PanopticMap:
             ids = [s.id for s in self.submaps if s.state is not SubmapState.TENTATIVE]
         return merged([self.submap_mesh(id_, coloring) for id_ in ids])
 
+    def query(self, text: str, limit: int = 5) -> QueryResult:
+        """Which submaps a phrase means (method.md section 6); reads no voxels.
+
+        Raises
+        ------
+        InputError
+            The phrase is empty, or the map was made without an encoder.
+        """
+        phrase = self._lemmatize(text.strip())
+        if not phrase:
+            raise InputError("query", expected="a phrase such as 'coffee mug'", found=repr(text), advice="name a thing")
+        vector = self._encoder.encode([phrase])[0]
+        believed = [s for s in self.submaps if s.state is not SubmapState.TENTATIVE]
+        answers = rank(phrase, vector, believed, self.label_embeddings, self._category_embeddings)
+        results = tuple(answer for answer in answers if answer.found)[:limit]
+        return QueryResult(text=text, results=results, closest=() if results else tuple(answers[:limit]))
+
+    @cached_property
+    def _encoder(self) -> TextEncoder:
+        if self._make_encoder is None:
+            advice = "open it with uppm.open_map, or pass `encoder`"
+            raise InputError("query", expected="a map with a text encoder", found="none", advice=advice)
+        return self._make_encoder()
+
+    @cached_property
+    def _category_embeddings(self) -> Mapping[int, Vector]:
+        return self._make_categories()
+
+    def _encoded_names(self) -> Mapping[int, Vector]:
+        categories = unified_categories()
+        vectors = self._encoder.encode([category.name for category in categories])
+        return {category.id: vector for category, vector in zip(categories, vectors, strict=True)}
+
     def to_dict(self) -> dict[str, Any]:
         """What `uppm info --json` prints: lengths in metres, frame map."""
         return {
@@ -141,6 +219,18 @@ def submap_dict(submap: Submap) -> dict[str, Any]:
         "state": submap.state.value,
         "first_frame": submap.first_frame,
         "last_frame": submap.last_frame,
+    }
+
+
+def _answer_dict(answer: Answer) -> dict[str, Any]:
+    place = {key: value for key, value in submap_dict(answer.submap).items() if key in ("center", "extent")}
+    return {
+        "id": answer.submap.id,
+        "category": answer.submap.descriptor.category.name if answer.submap.descriptor else None,
+        "matched_label": answer.label,
+        "score": round(answer.score, 4),
+        "probability": round(answer.probability, 4),
+        **place,
     }
 
 
