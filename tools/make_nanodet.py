@@ -6,7 +6,7 @@
 
 The published file is a TensorFlow.js graph with half-precision weights. Its layout changes (NCHW <-> NHWC around each
 convolution) are tracked instead of copied, so that the ONNX graph is NCHW throughout; the weights stay half precision,
-each behind a Cast, so that the arithmetic is single precision. The conversion is deterministic: the comparison is of bytes.
+each behind a Cast, so that the arithmetic is single precision. The conversion is deterministic: bytes are compared.
 """
 
 from __future__ import annotations
@@ -35,6 +35,8 @@ LICENSE = DATA / "nanodet_LICENSE.txt"
 OUTPUTS = {"scores": ("Identity", "Identity_1", "Identity_2"), "boxes": ("Identity_3", "Identity_4", "Identity_5")}
 STRIDES = (8, 16, 32)
 OPSET = 17
+PYRAMID_CHANNELS = 128
+"""Of the feature maps that are resized; ONNX wants the whole shape."""
 
 Perm = tuple[int, ...]
 NODE_OPS: dict[str, Callable[[Converter, dict[str, Any], list[str]], None]] = {}
@@ -69,7 +71,7 @@ class Converter:
         return f"{name}_f32"
 
     def value(self, tensor: str, perm: Perm | None = None) -> tuple[str, Perm]:
-        """ONNX value of a tensor and the permutation through which it is seen; with `perm`, the value in that layout."""
+        """ONNX value of a tensor and the permutation it is seen through; with `perm`, the value in that layout."""
         name, seen = self.views[tensor]
         if perm is None or seen == perm:
             return name, seen
@@ -109,7 +111,7 @@ def _pad(c: Converter, node: dict[str, Any], inputs: list[str]) -> None:
     pads[list(seen)] = c.constants[inputs[1]]
     more = []
     if len(inputs) > 2:
-        more = [c.constant(f"{node['name']}_value", np.float32(c.constants[inputs[2]]))]
+        more = [c.constant(f"{node['name']}_value", c.constants[inputs[2]].astype(np.float32))]
     out = node["name"]
     c.emit("Pad", [name, c.constant(f"{out}_pads", pads.T.reshape(-1)), *more], [out])
     c.views[out] = (out, seen)
@@ -181,16 +183,12 @@ def _split(c: Converter, node: dict[str, Any], inputs: list[str]) -> None:
 
 @op("ResizeBilinear")
 def _resize(c: Converter, node: dict[str, Any], inputs: list[str]) -> None:
-    out = node["name"]
-    roi_scales = ["", ""]
-    size = _resized(c, inputs[0], c.constants[inputs[1]])
-    c.emit("Resize", [c.value(inputs[0], NHWC)[0], *roi_scales, c.constant(f"{out}_size", size)], [out], mode="linear")
+    out, attr = node["name"], node["attr"]
+    if attr["align_corners"]["b"] or not attr["half_pixel_centers"]["b"]:
+        sys.exit(f"{out}: expected half-pixel centres")
+    size = np.array([1, PYRAMID_CHANNELS, *c.constants[inputs[1]]], np.int64)
+    c.emit("Resize", [c.value(inputs[0], NHWC)[0], "", "", c.constant(f"{out}_size", size)], [out], mode="linear")
     c.views[out] = (out, NHWC)
-
-
-def _resized(c: Converter, tensor: str, height_width: np.ndarray) -> np.ndarray:
-    """The feature pyramid resizes 128 channels; batch and channels stay."""
-    return np.array([1, 128, *height_width], np.int64)
 
 
 @op("Reshape")

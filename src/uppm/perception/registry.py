@@ -1,7 +1,7 @@
 """Back ends by name: literal tables, imported on use, and entry points for plug-ins.
 
-A plug-in's package declares, say, `[project.entry-points."uppm.perception"] mine = "package.module:Segmenter"`; detectors
-and mask generators likewise in the groups `uppm.detectors` and `uppm.masks`. Each is a class that takes the
+A plug-in's package declares, say, `[project.entry-points."uppm.perception"] mine = "package.module:Segmenter"`;
+detectors and mask generators do so in the groups `uppm.detectors` and `uppm.masks`. Each is a class that takes the
 `PerceptionConfig`.
 """
 

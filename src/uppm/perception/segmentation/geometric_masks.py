@@ -1,9 +1,10 @@
 """Masks without a learned model: from a box and the depth, the connected object that fills the box.
 
-The frame is cut once into smooth patches (`surfaces`). For a box: patches that go on outside it are background, and so is
-what lies in their planes (the floor between the legs of a chair); what is left is split where the depth jumps, pieces that
-go on outside the box are other objects, and of the rest the largest piece and those at its depth are the object. Where
-depth tells nothing, a book on a table, colour decides (GrabCut). Edges are put right at full size from the depth.
+The frame is cut once into smooth patches (`surfaces`). For a box: patches that go on outside it are
+background, and so is what lies in their planes (the floor between a chair's legs). What is left is split
+where the depth jumps; pieces that go on outside the box are other objects; of the rest, the largest piece and
+those at its depth are the object. Where depth tells nothing, as of a book on a table, colour decides
+(GrabCut). Edges are put right at full size from the depth.
 """
 
 from __future__ import annotations

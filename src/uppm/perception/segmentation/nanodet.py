@@ -38,8 +38,8 @@ class NanoDet:
 
     def detect(self, color: npt.NDArray[np.uint8], labels: Sequence[Label] = ()) -> Detections:
         """Boxes of an RGB image (H, W, 3), best first."""
-        outputs = self._session.run(None, {"x": preprocess(color)})
-        boxes, scores, classes = decode([o[0] for o in outputs[:3]], [o[0] for o in outputs[3:]], self._min_score)
+        outputs = [np.asarray(output)[0] for output in self._session.run(None, {"x": preprocess(color)})]
+        boxes, scores, classes = decode(outputs[:3], outputs[3:], self._min_score)
         height, width = color.shape[:2]
         boxes *= np.array([width, height, width, height], dtype=np.float32) / SIDE
         np.clip(boxes, 0, (width, height, width, height), out=boxes)
@@ -61,7 +61,7 @@ def decode(
 
     `scores` holds (n, 80) a level, `distributions` (n, 44): logits over 11 bins for left, top, right, bottom.
     """
-    found: list[tuple[npt.NDArray[np.float32], ...]] = []
+    found: list[tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.int64]]] = []
     for level, bins, stride in zip(scores, distributions, STRIDES, strict=True):
         cell, kind = np.nonzero(level > min_score)
         logits = bins[cell].reshape(-1, 4, len(BINS))
@@ -70,9 +70,9 @@ def decode(
         row, column = np.divmod(cell, SIDE // stride)
         center = (np.stack([column, row], axis=1) + 0.5) * stride
         boxes = np.concatenate([center - sides[:, :2], center + sides[:, 2:]], axis=1)
-        found.append((boxes.astype(np.float32), level[cell, kind], kind))
-    boxes, best, classes = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return boxes, best, classes
+        found.append((boxes.astype(np.float32), level[cell, kind], kind.astype(np.int64)))
+    boxes, best, classes = zip(*found, strict=True)
+    return np.concatenate(boxes), np.concatenate(best), np.concatenate(classes)
 
 
 def suppress(

@@ -108,7 +108,11 @@ def patch_statistics(frame: Frame, gravity: Gravity, surface: Surfaces) -> Patch
     np.maximum.at(top, ids, p @ (R.T @ gravity.up) + t @ gravity.up - (gravity.floor or 0.0))
     unit = normal / np.maximum(flat, 1e-9)[:, None]
     return PatchStatistics(
-        normal=unit @ R.T, center=center @ R.T + t, area=np.bincount(ids, area, n), top=top, flat=flat
+        normal=unit @ R.T,
+        center=center @ R.T + t,
+        area=np.bincount(ids, area.astype(np.float64), n).astype(np.float64),
+        top=top,
+        flat=flat,
     )
 
 

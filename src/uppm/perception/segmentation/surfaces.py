@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
-
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -24,10 +23,14 @@ MIN_STEP = 0.003
 NOISE_FACTOR = 5.0
 """An edge stands out of the frame's own noise by so much."""
 CREASE_COS = float(np.cos(np.radians(22)))
+"""Normals on the two sides of a crease differ by more than this angle."""
 NORMAL_WINDOW = 5
 MIN_PATCH = 40
 """Smaller patches are noise and stay without one, reduced pixels."""
 FILL_ROUNDS = 4
+FILL_STEP = 0.004
+"""A pixel joins a patch whose inverse depth differs by less, 1/m, or by what noise explains."""
+SQRT6 = 6**0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,11 +49,9 @@ class Surfaces:
     sizes: npt.NDArray[np.int64]
     """(count + 1,), pixels of each patch; index 0: of none."""
     planes: npt.NDArray[np.float64]
-    """(count + 1, 4): unit normal towards the camera and offset, normal . p + offset = 0, frame camera, least squares."""
+    """(count + 1, 4): least-squares plane normal . p + offset = 0 of unit normal towards the camera, frame camera."""
     rms: npt.NDArray[np.float64]
     """(count + 1,): root mean square distance of a patch's points to its plane, metres."""
-    step: npt.NDArray[np.float32]
-    """(h, w), metres: how far the surface departs from a straight line through each pixel."""
     noise: float
     """Standard deviation of the inverse depth, 1/m."""
 
@@ -65,12 +66,12 @@ def surfaces(frame: Frame) -> Surfaces:
     scale = max(1, round(frame.intrinsics.width / WORK_WIDTH))
     depth = np.ascontiguousarray(frame.depth[::scale, ::scale])
     inverse = _inverse_depth(depth)
-    noise, stepm, step = _step(inverse)
+    noise, step = _step(inverse)
     gradient = _gradient(inverse, step)
     normals = _normals(frame, scale, inverse, gradient)
     smooth = ~step & ~_creases(normals) & (inverse > 0)
     patches, count = _components(smooth)
-    patches = _fill(patches, inverse, max(0.004, 3 * noise))
+    patches = _fill(patches, inverse, max(FILL_STEP, 3 * noise))
     points = _points(frame, scale, depth)
     planes, rms = fit_planes(points, np.where(depth > 0, patches, 0), count)
     return Surfaces(
@@ -82,7 +83,6 @@ def surfaces(frame: Frame) -> Surfaces:
         sizes=np.bincount(patches.ravel(), minlength=count + 1),
         planes=planes,
         rms=rms,
-        step=stepm,
         noise=noise,
     )
 
@@ -94,19 +94,15 @@ def _inverse_depth(depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     return np.where(inverse > 0, inverse, closed)
 
 
-def _step(inverse: npt.NDArray[np.float32]) -> tuple[float, npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
+def _step(inverse: npt.NDArray[np.float32]) -> tuple[float, npt.NDArray[np.bool_]]:
     """Noise of the inverse depth, and the pixels where it bends or jumps more than that explains."""
     bend = np.zeros_like(inverse)
     bend[:, 1:-1] = np.abs(inverse[:, :-2] + inverse[:, 2:] - 2 * inverse[:, 1:-1])
     np.maximum(bend[1:-1], np.abs(inverse[:-2] + inverse[2:] - 2 * inverse[1:-1]), out=bend[1:-1])
     valid = inverse > 0
     # The median of the larger of two half-normal values is 1.05 of one's deviation, itself sqrt(6) of the noise.
-    noise = float(np.median(bend[valid])) / (1.05 * np.sqrt(6)) if valid.any() else 0.0
-    return (
-        noise,
-        bend / np.maximum(inverse, 1e-3) ** 2,
-        bend > np.maximum(MIN_STEP * inverse**2, NOISE_FACTOR * np.sqrt(6) * noise),
-    )
+    noise = float(np.median(bend[valid])) / (1.05 * SQRT6) if valid.any() else 0.0
+    return noise, bend > np.maximum(MIN_STEP * inverse**2, NOISE_FACTOR * SQRT6 * noise)
 
 
 def _gradient(inverse: npt.NDArray[np.float32], step: npt.NDArray[np.bool_]) -> npt.NDArray[np.float32]:
@@ -162,7 +158,7 @@ def _components(smooth: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.int32], i
     order = order[areas[order] >= MIN_PATCH]
     renumber = np.zeros(total, dtype=np.int32)
     renumber[order + 1] = np.arange(1, len(order) + 1)
-    return renumber[ids], len(order)
+    return np.take(renumber, np.asarray(ids, dtype=np.int64)), len(order)
 
 
 def _fill(patches: npt.NDArray[np.int32], inverse: npt.NDArray[np.float32], limit: float) -> npt.NDArray[np.int32]:
@@ -178,7 +174,7 @@ def _fill(patches: npt.NDArray[np.int32], inverse: npt.NDArray[np.float32], limi
         best = gaps.argmin(axis=0)
         chosen = np.where(gaps.min(axis=0) < limit, ids[best, np.arange(len(best))], 0)
         filled[rows + 1, columns + 1] = chosen
-    return filled[1:-1, 1:-1].copy()
+    return np.ascontiguousarray(filled[1:-1, 1:-1], dtype=np.int32)
 
 
 def fit_planes(
