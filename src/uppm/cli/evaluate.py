@@ -13,6 +13,9 @@ if TYPE_CHECKING:
     from uppm.evaluation.map_evaluation import MapEvaluation
     from uppm.evaluation.sampling import SurfacePart
 
+NESTED = ("matches", "per_class")
+"""For programs only: they would not fit a table."""
+
 evaluate_app = typer.Typer(help="Measure maps against ground truth (docs/evaluation.md).", no_args_is_help=True)
 
 
@@ -90,9 +93,9 @@ def _print_table(results: list[MapEvaluation]) -> None:
     from rich.table import Table
 
     table = Table("metric", *(Path(result.source).name for result in results))
-    for part in ("geometry", "instances"):
+    for part in ("geometry", "instances", "panoptic"):
         present = [getattr(result, part) for result in results]
-        names = next(([f.name for f in fields(p) if f.name != "matches"] for p in present if p is not None), [])
+        names = next(([f.name for f in fields(p) if f.name not in NESTED] for p in present if p is not None), [])
         for name in names:
             table.add_row(name, *(_shown(getattr(p, name, None)) for p in present))
         table.add_section()

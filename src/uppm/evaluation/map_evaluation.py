@@ -13,6 +13,7 @@ from uppm.evaluation.geometry import GeometricMetrics, geometric_metrics, neares
 from uppm.evaluation.ground_truth import SurfaceTruth
 from uppm.evaluation.instances import MIN_PIXELS, InstanceMetrics, instance_metrics
 from uppm.evaluation.sampling import SurfacePart, sample_parts
+from uppm.evaluation.surface_panoptic import SurfacePanopticMetrics, surface_overlaps, surface_panoptic_metrics
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,12 +29,14 @@ class MapEvaluation:
     geometry: GeometricMetrics
     instances: InstanceMetrics | None
     """None for a mesh whose submaps are not told apart."""
+    panoptic: SurfacePanopticMetrics | None
+    """Likewise."""
 
     def to_dict(self) -> dict[str, Any]:
         """Flat, as `--json` prints it (docs/evaluation.md)."""
         nested = asdict(self)
-        geometry, instances = nested.pop("geometry"), nested.pop("instances")
-        return nested | geometry | (instances or {})
+        geometry, instances, panoptic = (nested.pop(name) for name in ("geometry", "instances", "panoptic"))
+        return nested | geometry | (instances or {}) | (panoptic or {})
 
 
 def evaluate_map(
@@ -51,6 +54,7 @@ def evaluate_map(
     samples = sample_parts(parts, points_per_m2, seed, source=source)
     nearest = nearest_points(samples.points, truth.points)
     told_apart = any(part.category is not None for part in parts)
+    table = surface_overlaps(parts, samples, nearest, truth) if told_apart else None
     return MapEvaluation(
         source=source,
         ground_truth=truth.source,
@@ -60,4 +64,5 @@ def evaluate_map(
         ground_truth_points=len(truth.points),
         geometry=geometric_metrics(nearest, truth.foreground),
         instances=instance_metrics(parts, samples, nearest, truth, min_pixels) if told_apart else None,
+        panoptic=surface_panoptic_metrics(table) if table else None,
     )
