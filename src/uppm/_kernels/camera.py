@@ -35,6 +35,46 @@ def prepare_depth(depth, ray_length, depth_min, depth_max, limited, range_image,
             tile_min[ty, tx], tile_max[ty, tx] = low, high
 
 
+@nb.njit(inline="always")
+def slope(depth, v, u, dv, du):
+    """Change of depth a step (dv, du) from pixel (v, u): the flatter side's; huge where neither is valid."""
+    d = depth[v, u]
+    steep = np.float32(1e6)
+    ahead, behind = steep, steep
+    if 0 <= v + dv < depth.shape[0] and 0 <= u + du < depth.shape[1] and depth[v + dv, u + du] > np.float32(0.0):
+        ahead = depth[v + dv, u + du] - d
+    if 0 <= v - dv < depth.shape[0] and 0 <= u - du < depth.shape[1] and depth[v - dv, u - du] > np.float32(0.0):
+        behind = d - depth[v - dv, u - du]
+    return ahead if abs(ahead) < abs(behind) else behind
+
+
+@nb.njit(cache=True, parallel=True, fastmath=True)
+def ray_cosine(depth, rays, camera, least, out):
+    """Cosine between each ray and the surface that it meets, at half the resolution, at least `least`.
+
+    depth (H, W), rays (H, W, 3), out (ceil(H/2), ceil(W/2)) written; pixels without depth or a neighbour get 1. With
+    p = d * r, the normal is along (-fx * dd/du, -fy * dd/dv, d + a * fx * dd/du + b * fy * dd/dv), r = (a, b, 1).
+    """
+    fx, fy = camera[0], camera[1]
+    one, reach = np.float32(1.0), 2
+    for row in nb.prange(out.shape[0]):
+        for column in range(out.shape[1]):
+            v, u = 2 * row, 2 * column
+            d = depth[v, u]
+            out[row, column] = one
+            if d <= np.float32(0.0):
+                continue
+            gu, gv = slope(depth, v, u, 0, reach), slope(depth, v, u, reach, 0)
+            if abs(gu) > np.float32(1e5) or abs(gv) > np.float32(1e5):
+                continue
+            a, b = rays[v, u, 0], rays[v, u, 1]
+            nx, ny = fx * gu / np.float32(reach), fy * gv / np.float32(reach)
+            nz = d + a * nx + b * ny
+            # The normal is (-nx, -ny, nz), and its product with the ray (a, b, 1) is d.
+            cosine = d / np.sqrt((nx * nx + ny * ny + nz * nz) * (a * a + b * b + one))
+            out[row, column] = max(least, min(one, cosine))
+
+
 @nb.njit(cache=True, parallel=True)
 def segment_pixels(ids, depth, pixels, total):
     """Count the pixels with valid depth of each segment id, and sum their depth.

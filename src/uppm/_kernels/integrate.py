@@ -8,6 +8,7 @@ import numpy as np
 SIDE = 8
 FULL = np.float32(32767.0)
 """Fixed point of the distance: +-truncation is +-32767."""
+BEHIND = np.float32(2.0)
 MIN_Z = np.float32(0.05)
 COLOR_MEMORY = np.float32(31.0)
 """The colour is a mean over at most about so many frames: 8-bit means stop moving beyond."""
@@ -86,14 +87,16 @@ def project_slab(a, coord, R, t, size, camera, u, v, inverse, far):
 
 @nb.njit(cache=True, parallel=True, fastmath=True)
 def integrate(
-    blocks, range_image, slot_image, color_image, camera, max_step, max_weight, freespace_slot,
+    blocks, range_image, cosine, slot_image, color_image, camera, max_step, max_weight, freespace_slot,
     rotations, translations, voxel_sizes, truncations,
     block_coord, block_slot, distance, weight, color, belonging, has_surface, dirty,
 ):  # fmt: skip
     """Update every voxel of blocks (N,) that projects to a valid pixel and is not behind the truncation band.
 
-    range_image (H, W) along the ray, slot_image (H, W): the submap slot of each pixel (-1: none), color_image
-    (H, W, 3), camera (fx, fy, cx, cy). rotations, translations: T_camera_submap of each slot.
+    range_image (H, W) along the ray; cosine (H/2, W/2) between ray and surface: the distance along the ray times it is
+    that along the surface's normal, which all views of a surface agree on (all ones: along the ray). slot_image (H, W):
+    the submap slot of each pixel (-1: none), color_image (H, W, 3), camera (fx, fy, cx, cy). rotations, translations:
+    T_camera_submap of each slot.
     distance (M, 8, 8, 8) int16, weight (M, 8, 8, 8) float32, color (M, 8, 8, 8, 3) and belonging (M, 8, 8, 8, 2)
     uint8, has_surface (M,) and dirty (M,) bool of the pool are written. Colour is kept within a voxel of the surface,
     where a mesh can need it.
@@ -108,7 +111,7 @@ def integrate(
         R, t = rotations[slot], translations[slot]
         size, band = voxel_sizes[slot], truncations[slot]
         scale, inv_scale = band / FULL, FULL / band
-        area, drop, reach = focal_area * size * size, np.float32(1.0) / (band - size), band + max_step
+        area, drop = focal_area * size * size, np.float32(1.0) / (band - size)
         u, v = np.empty(SIDE * SIDE, dtype=np.float32), np.empty(SIDE * SIDE, dtype=np.float32)
         inverse, far = np.empty(SIDE * SIDE, dtype=np.float32), np.empty(SIDE * SIDE, dtype=np.float32)
         touched = False
@@ -120,15 +123,17 @@ def integrate(
                 if not (u[n] >= zero and v[n] >= zero and u[n] <= right and v[n] <= bottom and inv_z > zero):
                     continue
                 column, row = int(u[n] + np.float32(0.5)), int(v[n] + np.float32(0.5))
-                nearest = range_image[row, column]
+                nearest, incidence = range_image[row, column], cosine[row >> 1, column >> 1]
                 # Interpolation moves the range by at most max_step, so most voxels are decided by the nearest pixel.
+                reach = band / incidence + max_step
                 if nearest <= zero or nearest - far[n] < -reach:
                     continue
                 if nearest - far[n] > reach:
                     sdf = band
                 else:
-                    sdf = sample_range(range_image, u[n], v[n], column, row, max_step) - far[n]
-                    if sdf < -band:
+                    along = sample_range(range_image, u[n], v[n], column, row, max_step) - far[n]
+                    sdf = along * incidence
+                    if sdf < -band or along < -BEHIND * band:
                         continue
                 w = area * inv_z * inv_z * inv_z * inv_z
                 if sdf < -size:

@@ -27,6 +27,34 @@ def segment_pixels(ids: Array, depth: Array, segments: int) -> tuple[Array, Arra
     return pixels, np.bincount(ids[valid], weights=depth[valid], minlength=segments + 1)
 
 
+def ray_cosine(depth: Array, rays: Array, least: float) -> Array:
+    """Cosine between ray and surface at half resolution, from the flatter of the differences over two pixels."""
+    points, (height, width) = rays * depth[..., None], depth.shape
+    out = np.ones((-(-height // 2), -(-width // 2)))
+    for v in range(0, height, 2):
+        for u in range(0, width, 2):
+            tangents = [_tangent(points, depth, v, u, *step) for step in ((0, 2), (2, 0))]
+            if depth[v, u] > 0 and tangents[0] is not None and tangents[1] is not None:
+                normal = np.cross(tangents[0], tangents[1])
+                cosine = abs(normal @ points[v, u]) / np.linalg.norm(normal) / np.linalg.norm(points[v, u])
+                out[v // 2, u // 2] = np.clip(cosine, least, 1)
+    return out
+
+
+def _tangent(points: Array, depth: Array, v: int, u: int, dv: int, du: int) -> Array | None:
+    best = None
+    for sign in (1, -1):
+        y, x = v + sign * dv, u + sign * du
+        if not (0 <= y < depth.shape[0] and 0 <= x < depth.shape[1]) or depth[y, x] <= 0:
+            continue
+        tangent = (points[y, x] - points[v, u]) * sign
+        # The kernel takes the flatter side's slope as the surface's at the pixel itself.
+        slope = (depth[y, x] - depth[v, u]) * sign
+        if best is None or abs(slope) < abs(best[0]):
+            best = slope, tangent
+    return None if best is None else best[1]
+
+
 def band_block_coords(range_image: Array, rays: Array, T_submap_camera: Array, band: float, side: float) -> set:
     """Blocks (bx, by, bz) that the truncation bands of all valid pixels cross, by sampling each band finely."""
     valid = range_image > 0
@@ -72,8 +100,8 @@ def integrate(
 ) -> dict[str, Array]:
     """One frame into the blocks of one submap.
 
-    voxels: distance, weight, color, belonging as in the pool, (N, 8, 8, 8, ...); images: range, slot, color. Returns
-    new arrays.
+    voxels: distance, weight, color, belonging as in the pool, (N, 8, 8, 8, ...); images: range, cosine, slot,
+    color. Returns new arrays.
     """
     fx, fy, cx, cy = camera
     height, width = images["range"].shape
@@ -83,7 +111,8 @@ def integrate(
     seen = (p[..., 2] > MIN_Z) & (u >= 0) & (v >= 0) & (u <= width - 1) & (v <= height - 1)
     at = np.nonzero(seen)
     measured = sample_range(images["range"], u[at], v[at], max_step)
-    sdf = measured - np.linalg.norm(p[at], axis=-1)
+    incidence = images["cosine"][(v[at] + 0.5).astype(int) // 2, (u[at] + 0.5).astype(int) // 2]
+    sdf = (measured - np.linalg.norm(p[at], axis=-1)) * incidence
     keep = (measured > 0) & (sdf >= -band)
     at, sdf = tuple(axis[keep] for axis in at), sdf[keep]
     w = fx * fy * (size / z[at]) ** 2 / z[at] ** 2

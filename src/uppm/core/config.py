@@ -72,6 +72,8 @@ class FusionConfig(Section):
     """Metres."""
     truncation: float = Field(default=2.0, ge=1)
     """Voxels."""
+    distance: Literal["normal", "ray"] = "normal"
+    """Signed distance along the surface's normal, or along the ray as Panoptic Multi-TSDFs has it."""
     max_weight: float = Field(default=1e4, gt=0)
     interpolation_max_step: float = Field(default=0.2, gt=0)
     """Metres; where the four neighbours differ by more, the nearest pixel is used."""

@@ -60,7 +60,7 @@ class PanopticFusion:
     def __init__(self, config: FusionConfig, similarity: npt.NDArray[np.float32]) -> None:
         self._config, self._similarity = config, similarity
         self._threads = min(config.threads, numba.get_num_threads())
-        self._views = ViewFactory(config.depth_min, config.depth_max)
+        self._views = ViewFactory(config.depth_min, config.depth_max, along_normal=config.distance == "normal")
         self._volume = Volume(config.max_blocks, config.max_weight, config.interpolation_max_step)
         self._row = {c.id: n for n, c in enumerate(unified_categories())}
         self._submaps: dict[int, LiveSubmap] = {}

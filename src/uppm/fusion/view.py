@@ -7,9 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from uppm._kernels.camera import TILE, prepare_depth
+from uppm._kernels.camera import TILE, prepare_depth, ray_cosine
 from uppm.core.geometry import invert, rays
 from uppm.core.types import Frame, Intrinsics
+
+MIN_COSINE = np.float32(0.2)
+"""Rays that meet a surface at less than 12 degrees are taken to meet it at that: noise makes their normals."""
 
 Camera = tuple[np.float32, np.float32, np.float32, np.float32]
 
@@ -24,6 +27,8 @@ class View:
     """Metres along the ray; 0: as above."""
     rays: npt.NDArray[np.float32]
     """(H, W, 3) at z = 1."""
+    cosine: npt.NDArray[np.float32]
+    """(ceil(H/2), ceil(W/2)): cosine between ray and surface."""
     color: npt.NDArray[np.uint8]
     tile_min: npt.NDArray[np.float32]
     """(ceil(H/16), ceil(W/16))."""
@@ -42,7 +47,8 @@ class View:
 class ViewFactory:
     """Makes views; keeps the rays of the camera seen last."""
 
-    def __init__(self, depth_min: float, depth_max: float) -> None:
+    def __init__(self, depth_min: float, depth_max: float, *, along_normal: bool = True) -> None:
+        self._along_normal = along_normal
         self._limits = np.float32(depth_min), np.float32(depth_max)
         self._intrinsics: Intrinsics | None = None
         self._rays = np.empty((0, 0, 3), dtype=np.float32)
@@ -60,14 +66,19 @@ class ViewFactory:
         tile_min, tile_max = np.empty(tiles, dtype=np.float32), np.empty(tiles, dtype=np.float32)
         prepare_depth(frame.depth, self._ray_length, low, high, depth, range_image, tile_min, tile_max)
         k = frame.intrinsics
+        camera = np.float32(k.fx), np.float32(k.fy), np.float32(k.cx), np.float32(k.cy)
+        cosine = np.ones((-(-height // 2), -(-width // 2)), dtype=np.float32)
+        if self._along_normal:
+            ray_cosine(depth, self._rays, camera, MIN_COSINE, cosine)
         return View(
             depth=depth,
             range_image=range_image,
+            cosine=cosine,
             rays=self._rays,
             color=frame.color,
             tile_min=tile_min,
             tile_max=tile_max,
-            camera=(np.float32(k.fx), np.float32(k.fy), np.float32(k.cx), np.float32(k.cy)),
+            camera=camera,
             T_camera_map=invert(frame.T_map_camera),
             depth_max=high,
         )

@@ -163,8 +163,8 @@ class Volume:
         p, (R, t) = self.pool, self._T_camera_submap(view)
         max_step, max_weight = self._limits
         integrate(
-            blocks, view.range_image, slot_image, view.color, view.camera, max_step, max_weight, self._freespace,
-            R, t, self._voxel_size, self._truncation,
+            blocks, view.range_image, view.cosine, slot_image, view.color, view.camera,
+            max_step, max_weight, self._freespace, R, t, self._voxel_size, self._truncation,
             p.block_coord, p.block_slot, p.distance, p.weight, p.color, p.belonging, p.has_surface, p.dirty,
         )  # fmt: skip
 
