@@ -93,9 +93,8 @@ def render(mesh: Mesh, view: View, *, width: int = 1600, height: int = 1000) -> 
     w, h = width * _SUPERSAMPLING, height * _SUPERSAMPLING
     projection = _fitted(mesh.vertices.astype(np.float64), view, w, h)
     screen = projection.screen(mesh.vertices.astype(np.float64))
-    face, nearness = raster.rasterize(screen, mesh.faces, h, w)
     values = np.concatenate([mesh.colors.astype(np.float32), mesh.normals], axis=1)
-    pixels = raster.interpolate(screen, mesh.faces, face, values)
+    face, nearness, pixels = raster.rasterize(screen, mesh.faces, values, h, w)
     light = _light(pixels[..., 3:], view) * _occlusion(face, nearness, projection)
     image = np.where(face[..., None] >= 0, pixels[..., :3] * light[..., None], np.array(BACKGROUND, np.float32))
     image = cv2.resize(np.clip(image, 0, 255), (width, height), interpolation=cv2.INTER_AREA)
