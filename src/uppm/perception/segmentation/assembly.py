@@ -24,8 +24,8 @@ NESTED = 0.7
 """A mask with this share in another's lies on it."""
 SMALLER = 0.5
 """... if it is smaller than this share of the other."""
-MIN_VISIBLE = {True: 0.5, False: 0.1}
-"""Structure that others cover for the most part was theirs; a thing keeps what is left of it."""
+MIN_VISIBLE = 0.5
+"""A table top that others cover more than this was theirs: a bed's, a desk's."""
 
 
 def distinct_boxes(found: Detections, among: npt.NDArray[np.intp]) -> list[int]:
@@ -61,9 +61,10 @@ def assemble(
     for i in paint_order(candidates):
         mask, segment = candidates[i]
         visible = mask & (ids == 0)
-        area, least = np.count_nonzero(visible), _min_area(segment, min_pixels, ids.size)
-        whole = np.count_nonzero(mask)
-        if area < max(least, MIN_VISIBLE[segment.label.provenance == Provenance.STRUCTURE] * whole):
+        whole, least = np.count_nonzero(mask), _min_area(segment, min_pixels, ids.size)
+        if segment.is_thing and segment.label.provenance is Provenance.STRUCTURE:
+            least = max(least, MIN_VISIBLE * whole)
+        if np.count_nonzero(visible) < least:
             counts["too_small" if whole < least else "hidden_by_others"] += 1
             continue
         kept.append(segment)
