@@ -157,13 +157,24 @@ def test_a_single_frame_cannot_be_judged(tmp_path: Path) -> None:
     assert np.isnan(result.agreement_cm)
 
 
+def test_a_bad_frame_beside_a_jump_is_counted_once(tmp_path: Path) -> None:
+    def stored(i: int, T: np.ndarray) -> np.ndarray:
+        return np.array([[1, 0, 0, 0.9], [0, 1, 0, 0.7], [0, 0, 1, 0], [0, 0, 0, 1.0]]) @ T if i >= 8 else T
+
+    root = scene.write_frames(tmp_path / "room", stored=stored)
+    (root / "depth/00008.png").unlink()
+    result = check(root)
+    assert dict(result.unreadable) == {"a missing file": 1}
+    assert result.frames_read == scene.FRAMES - 1
+
+
 @pytest.mark.parametrize("name", ["flat/run1", "flat/run2", "7scenes-kitchen", "hololens-office"])
 def test_recorded_sequences(name: str) -> None:
     raw = open_sequence(shared_data(f"data/{name}")).raw
     right = check_sequence(PosedSequence(raw), quick=True)
     assert right.ok, [str(finding) for finding in right.findings]
     assert right.agreement_cm < 1.2
-    assert right.frames_read <= 24
+    assert right.frames_read <= 36
     wrong = check_sequence(PosedSequence(raw, InputConfig(invert_poses=True)), quick=True)
     assert [finding.fix for finding in wrong.findings] == ["drop --invert-poses"]
     wrong = check_sequence(PosedSequence(raw, InputConfig(depth_scale=5000)), quick=True)

@@ -26,9 +26,16 @@ GOOD = 0.003
 """Disagreement over depth at which no other hypothesis is preferred, however well it does."""
 SANE_DEPTH = (0.1, 50.0)
 """Metres, for the median depth of a hand-held or robot-borne camera."""
-MIN_JUMP, MIN_TURN, JUMP_RATIO = 0.1, np.deg2rad(10), 3.0
-"""Metres and radians between neighbours, and their ratio to the median, from which a pose step is looked at."""
-MAX_JUMPS_TESTED = 12
+MIN_JUMP, MIN_TURN, STEP_RATIO = 0.1, np.deg2rad(10), 1.5
+"""Metres or radians between neighbours, and ratio to the median step, from which a step is compared with the images."""
+JUMP_RATIO = 3.0
+"""Ratio from which a step is a jump where the views do not overlap; a quick turn is not."""
+STEPS, QUICK_STEPS = 60, 6
+"""Steps compared at most, the largest."""
+JUMP_QUANTILE = 0.35
+"""Of the differences, either way: after a large but true step up to this share of the points may be hidden."""
+TOO_NEAR = 0.25
+"""Share of the usual depth below which a view fills with one thing right before the camera, and tells nothing."""
 OFF_CENTRE = 0.25
 """Share of the image's size by which a principal point may be off its centre."""
 
@@ -82,11 +89,13 @@ class _Look:
     """What was read of a sequence, and what is believed of it."""
 
     source: PosedSequence
+    quick: bool
     poses: dict[int, Pose]
     """T_map_camera as given, of the frames that have one."""
     unreadable: Counter[str]
     views: dict[int, View] = field(default_factory=dict[int, View])
-    frames_read: int = 0
+    read: set[int] = field(default_factory=set[int])
+    bad: set[int] = field(default_factory=set[int])
     pairs: list[tuple[View, View]] = field(default_factory=list[tuple[View, View]])
     tried: dict[str, Agreement] = field(default_factory=dict[str, Agreement])
     given: Agreement = UNKNOWN
@@ -102,7 +111,7 @@ def check_sequence(source: PosedSequence, quick: bool = False) -> SequenceCheck:
     source : PosedSequence
         Of `open_sequence`; its options are what "as given" means, but for the stride: neighbours are compared.
     quick : bool
-        Read about 24 frames instead of all.
+        Read about 24 frames, and up to 12 where poses make their largest steps, instead of all.
 
     Raises
     ------
@@ -119,7 +128,7 @@ def check_sequence(source: PosedSequence, quick: bool = False) -> SequenceCheck:
         name=source.name,
         format=source.raw.format,
         frames=len(source),
-        frames_read=look.frames_read,
+        frames_read=len(look.read),
         unreadable=dict(look.unreadable),
         pairs=len(look.pairs),
         agreement_cm=look.given.cm,
@@ -135,39 +144,37 @@ def _unstrided(source: PosedSequence) -> PosedSequence:
 
 
 def _read(source: PosedSequence, quick: bool) -> _Look:
-    look = _Look(source=source, poses={}, unreadable=Counter(), best=Hypothesis(config=source.config))
-    bad: set[int] = set()
+    look = _Look(source=source, quick=quick, poses={}, unreadable=Counter(), best=Hypothesis(config=source.config))
     for index in range(len(source)):
         try:
             look.poses[index] = source.pose(index)
         except BadFrameError as error:
-            _count(look, error)
-            bad.add(index)
+            _count(look, index, error)
     chosen = partners(look.poses, QUICK_PAIRS if quick else PAIRS)
     kept = {index for pair in chosen for index in pair}
     for index in sorted(kept) if quick else range(len(source)):
-        if index not in bad:
-            _look_at(look, index, keep=index in kept)
+        _look_at(look, index, keep=index in kept)
     look.pairs = [(look.views[a], look.views[b]) for a, b in chosen if a in look.views and b in look.views]
     return look
 
 
-def _count(look: _Look, error: BadFrameError) -> None:
+def _count(look: _Look, index: int, error: BadFrameError) -> None:
     if look.source.config.strict:
         raise error
+    look.bad.add(index)
     look.unreadable[error.found] += 1
 
 
 def _look_at(look: _Look, index: int, keep: bool) -> None:
     """Read a frame's images, and keep what comparisons need."""
-    if index in look.views:
+    if index in look.views or index in look.bad:
         return
     try:
         frame = look.source.frame(index)
     except BadFrameError as error:
-        _count(look, error)
+        _count(look, index, error)
         return
-    look.frames_read += 1
+    look.read.add(index)
     if keep and (frame.depth > 0).any():
         look.views[index] = view(frame, *look.source.raw_pose(index))
 
@@ -213,8 +220,7 @@ def _conventions(look: _Look) -> Iterator[Finding]:
 
 def _depth_range(look: _Look) -> Iterator[Finding]:
     """Without translation a wrong scale cannot be seen in reprojection, but depths of kilometres can."""
-    depths = [float(np.median(each.depth[each.depth > 0])) for each in look.views.values()]
-    median = float(np.median(depths)) if depths else 1.0
+    median = float(np.median([each.median_depth for each in look.views.values()])) if look.views else 1.0
     if "depth-scale" in look.best.kinds or SANE_DEPTH[0] <= median <= SANE_DEPTH[1]:
         return
     units = median * look.source.depth_scale
@@ -260,41 +266,64 @@ def _inconsistent(look: _Look) -> Iterator[Finding]:
 
 
 def _jumps(look: _Look) -> Iterator[Finding]:
-    """Large steps between neighbours that the images do not follow."""
-    suspects = _large_steps(look)
-    bad = [step for step in suspects[:MAX_JUMPS_TESTED] if _breaks(look, *step[:2])]
+    """Large steps between neighbours that the images do not follow; only where most of the poses are right."""
+    if not look.best_agreement.share <= PLAUSIBLE:
+        return
+    suspects = _large_steps(look)[: QUICK_STEPS if look.quick else STEPS]
+    bad = sorted((step for step in suspects if _breaks(look, step)), key=lambda step: step.a)
     if bad:
-        a, b, distance, angle = min(bad)
-        at = f"between frames {look.views[a].index} and {look.views[b].index}"
+        first = bad[0]
+        at = f"between frames {look.views[first.a].index} and {look.views[first.b].index}"
         count = f"{len(bad)} pose jumps, the first" if len(bad) > 1 else "a pose jump"
-        text = f"{count} {at} by {distance:.2f} m and {np.rad2deg(angle):.0f} degrees, which the images do not follow"
+        size = f"{first.distance:.2f} m and {np.rad2deg(first.angle):.0f} degrees"
+        text = f"{count} {at} by {size}, which the images do not follow"
         yield Finding(kind="jump", text=text, fix="correct or remove these poses, or split the sequence there")
 
 
-def _large_steps(look: _Look) -> list[tuple[int, int, float, float]]:
-    """(index, next index, metres, radians) of steps far above the median, largest first; poses as believed."""
-    order = sorted(look.poses)
-    poses = [pose_matrix(*look.source.raw_pose(index), look.best.config) for index in order]
+@dataclass(frozen=True)
+class _Step:
+    a: int
+    b: int
+    distance: float
+    """Metres."""
+    angle: float
+    """Radians."""
+    ratio: float
+    """To the median step, the larger of the two."""
+
+
+def _large_steps(look: _Look) -> list[_Step]:
+    """Steps above the median between neighbours, the largest first; poses by the convention believed."""
+    order = np.array(sorted(look.poses))
+    if len(order) < 4:
+        return []
+    poses = [pose_matrix(*look.source.raw_pose(int(index)), look.best.config) for index in order]
     relative = [invert(a) @ b for a, b in pairwise(poses)]
     distance = np.array([np.linalg.norm(T[:3, 3]) for T in relative])
     angle = np.array([rotation_angle(T) for T in relative])
-    gap = np.diff(order)
-    if len(gap) < 3:
-        return []
-    far = distance / gap > max(JUMP_RATIO * float(np.median(distance / gap)), MIN_JUMP)
-    turned = angle / gap > max(JUMP_RATIO * float(np.median(angle / gap)), MIN_TURN)
-    steps = [(order[i], order[i + 1], float(distance[i]), float(angle[i])) for i in np.flatnonzero(far | turned)]
-    return sorted(steps, key=lambda step: -(step[2] + step[3]))
+    ratio = np.zeros(len(relative))
+    for amount, least in ((distance / np.diff(order), MIN_JUMP), (angle / np.diff(order), MIN_TURN)):
+        share = amount / max(float(np.median(amount)), 1e-9)
+        ratio = np.maximum(ratio, np.where(amount > least, share, 0))
+    chosen = [i for i in np.argsort(-ratio) if ratio[i] > STEP_RATIO]
+    return [
+        _Step(int(order[i]), int(order[i + 1]), float(distance[i]), float(angle[i]), float(ratio[i])) for i in chosen
+    ]
 
 
-def _breaks(look: _Look, a: int, b: int) -> bool:
-    for index in (a, b):
+def _breaks(look: _Look, step: _Step) -> bool:
+    for index in (step.a, step.b):
         _look_at(look, index, keep=True)
-    if a not in look.views or b not in look.views:
+    if step.a not in look.views or step.b not in look.views:
         return False
-    step = pair_agreement(look.views[a], look.views[b], look.source.raw.color, look.best)
-    usual = look.best_agreement.share if np.isfinite(look.best_agreement.share) else 0.0
-    return step.share > max(PLAUSIBLE, 3 * usual)
+    a, b = look.views[step.a], look.views[step.b]
+    if min(a.median_depth, b.median_depth) < TOO_NEAR * np.median([each.median_depth for each in look.views.values()]):
+        return False
+    there, back = (
+        pair_agreement(*views, look.source.raw.color, look.best, JUMP_QUANTILE).share for views in ((a, b), (b, a))
+    )
+    apart = not (np.isfinite(there) and np.isfinite(back))
+    return step.ratio > JUMP_RATIO if apart else min(there, back) > PLAUSIBLE
 
 
 def _unreadable(look: _Look) -> Iterator[Finding]:

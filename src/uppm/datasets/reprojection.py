@@ -36,6 +36,8 @@ class View:
     """(N, 2): u, v of sampled pixels with depth."""
     depth: npt.NDArray[np.float32]
     """(H, W), metres."""
+    median_depth: float
+    """Metres."""
     where: str
     index: int
 
@@ -54,7 +56,10 @@ def view(frame: Frame, raw_pose: Pose, where: str) -> View:
     v, u = np.nonzero(frame.depth > 0)
     step = max(1, len(u) // POINTS)
     pixels = np.stack([u, v], axis=-1)[step // 2 :: step]
-    return View(raw_pose=raw_pose, pixels=pixels, depth=frame.depth, where=where, index=frame.index)
+    median = float(np.median(frame.depth[pixels[:, 1], pixels[:, 0]]))
+    return View(
+        raw_pose=raw_pose, pixels=pixels, depth=frame.depth, median_depth=median, where=where, index=frame.index
+    )
 
 
 def partners(poses: Mapping[int, Pose], count: int) -> list[tuple[int, int]]:
@@ -81,8 +86,10 @@ def agreement(pairs: Sequence[tuple[View, View]], intrinsics: Intrinsics, hypoth
     return Agreement(float(np.median([e.cm for e in each])), float(np.median([e.share for e in each])))
 
 
-def pair_agreement(a: View, b: View, intrinsics: Intrinsics, hypothesis: Hypothesis) -> Agreement:
-    """Median |predicted - measured| depth over the pixels of b on which points of a fall.
+def pair_agreement(
+    a: View, b: View, intrinsics: Intrinsics, hypothesis: Hypothesis, quantile: float = 0.5
+) -> Agreement:
+    """Median (or another quantile of) |predicted - measured| depth over the pixels of b on which points of a fall.
 
     Points that b sees hidden behind something differ too; in partners they are few, and the median passes over them.
     Two views that share less than `MIN_INSIDE` of the points do not agree at all: a wrong pose looks elsewhere.
@@ -105,4 +112,5 @@ def pair_agreement(a: View, b: View, intrinsics: Intrinsics, hypothesis: Hypothe
     if inside.sum() < max(MIN_INSIDE * len(u), 1) or seen.sum() < max(MIN_MEASURED * len(u), 1):
         return none
     difference = np.abs(points[inside, 2][seen] - measured[seen])
-    return Agreement(100 * float(np.median(difference)), float(np.median(difference / measured[seen])))
+    shares = difference / measured[seen]
+    return Agreement(100 * float(np.quantile(difference, quantile)), float(np.quantile(shares, quantile)))
