@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -21,11 +21,14 @@ from uppm.core.types import Checkpoint, Frame, FrameRecord, Label, Report, Subma
 from uppm.datasets.registry import open_sequence
 from uppm.fusion.engine import PanopticFusion
 from uppm.map.panoptic_map import PanopticMap
-from uppm.map.store import MapMeta, MapReader, MapWriter
+from uppm.map.store import MapMeta, MapReader, MapWriter, check_free
 from uppm.perception.describe import describe
+from uppm.perception.labels.lemma import lemmatize
 from uppm.perception.registry import create_segmenter
 from uppm.perception.retrieval import create_retriever
+from uppm.perception.retrieval.category import category_vectors
 from uppm.perception.retrieval.embeddings import LabelEmbeddings
+from uppm.perception.segmentation.gravity import estimate_gravity
 
 PREPARE_FRAMES = 12
 """Frames spread over a sequence that perception may look at before mapping."""
@@ -101,10 +104,15 @@ class Mapper:
         self._integrated, self._skipped, self._dropped = 0, Counter[str](), Counter[str]()
         self._records: list[FrameRecord] = []
         self._all_records: list[FrameRecord] = []
+        self.provenance = {"uppm": version("uppm")}
+        """Noted with the map: program version, sequence, and the map's up axis where `prepare` found it."""
 
     def prepare(self, frames: Sequence[Frame]) -> None:
         """Let perception look at a few frames spread over the sequence (for gravity, say); optional."""
         self._segmenter.prepare(frames)
+        if frames:
+            up = estimate_gravity(frames, self.config.perception.up).up
+            self.provenance["up"] = " ".join(f"{value:.6f}" for value in up)
 
     def integrate(self, frame: Frame) -> npt.NDArray[np.int32]:
         """Fuse one frame; returns the submap id of each pixel, (H, W), 0 where there is none."""
@@ -151,11 +159,11 @@ class Mapper:
         return PanopticMap(
             submaps=self._fusion.submaps(),
             voxels=self._fusion,
-            encoder=LabelEmbeddings,
+            **_language(lambda: self._embeddings),
             label_embeddings=self._label_embeddings(self._fusion.submaps()),
             report=self.report,
             frames=self._all_records,
-            meta=MapMeta(config=self.config.model_dump_json(), provenance={}),
+            meta=MapMeta(config=self.config.model_dump_json(), provenance=self.provenance),
         )
 
     def _label_embeddings(self, submaps: Sequence[Submap]) -> dict[str, npt.NDArray[np.float32]]:
@@ -182,6 +190,7 @@ class Mapper:
         self._fusion.restore(saved.submaps(), saved, saved.next_id)
         self._embeddings = LabelEmbeddings(known=saved.label_embeddings())
         self._restored = saved.report()
+        self.provenance = dict(saved.meta.provenance)
         self._timer = Timer(self._restored.seconds)
         self._all_records = list(saved.frames())
 
@@ -201,7 +210,12 @@ def open_map(path: str | Path) -> PanopticMap:
         There is no such file, or it is no map, damaged, or of a newer schema.
     """
     reader = MapReader.open(path)
-    return PanopticMap.from_file(reader, encoder=lambda: LabelEmbeddings(known=reader.label_embeddings()))
+    return PanopticMap.from_file(reader, **_language(lambda: LabelEmbeddings(known=reader.label_embeddings())))
+
+
+def _language(encoder: Callable[[], TextEncoder]) -> dict[str, Any]:
+    """What a map needs to understand a phrase."""
+    return {"encoder": encoder, "category_embeddings": category_vectors, "lemmatize": lemmatize}
 
 
 class Progress(Protocol):
@@ -237,21 +251,31 @@ def map_sequence(
         A frame is bad and `config.input.strict`; otherwise bad frames are skipped and counted.
     """
     config = config or Config()
-    if not resume:
-        provenance = {"uppm": version("uppm"), "sequence": source.name, "frames": str(len(source))}
-        mapper, first = Mapper(config, viewer=viewer), 0
-        writer = MapWriter.create(output, config.model_dump_json(), provenance, overwrite=overwrite)
+    if resume:
+        mapper, writer, first = _resumed(source, output, viewer)
     else:
-        saved = MapReader.open(output)
-        _check_same(saved, source, output)
-        mapper, first = Mapper(saved_config(saved), viewer=viewer), len(saved.frames())
-        mapper.restore(saved)
-        saved.close()
-        writer = MapWriter.resume(output)
+        # Before perception looks at any frame: that the file exists is known at once.
+        check_free(Path(output), overwrite)
+        mapper, first = Mapper(config, viewer=viewer), 0
+        mapper.prepare(spread_frames(source))
+        mapper.provenance |= {"sequence": source.name, "frames": str(len(source))}
+        writer = MapWriter.create(output, mapper.config.model_dump_json(), mapper.provenance, overwrite=overwrite)
     with writer:
         if first < len(source):
             _run(mapper, source, first, writer, progress)
     return mapper.report
+
+
+def _resumed(source: FrameSource, path: str | Path, viewer: FrameViewer | None) -> tuple[Mapper, MapWriter, int]:
+    """The mapper and writer of a map at its last checkpoint, and the position of the next frame."""
+    saved = MapReader.open(path)
+    _check_same(saved, source, path)
+    mapper, first = Mapper(saved_config(saved), viewer=viewer), len(saved.frames())
+    if first < len(source):
+        mapper.prepare(spread_frames(source))
+    mapper.restore(saved)
+    saved.close()
+    return mapper, MapWriter.resume(path), first
 
 
 def saved_config(saved: MapReader) -> Config:
@@ -271,7 +295,6 @@ def _check_same(saved: MapReader, source: FrameSource, path: str | Path) -> None
 
 
 def _run(mapper: Mapper, source: FrameSource, first: int, writer: MapWriter, progress: Progress) -> None:
-    mapper.prepare(spread_frames(source))
     every, total = mapper.config.map.checkpoint_every, len(source)
     for position in range(first, total):
         try:

@@ -87,7 +87,7 @@ def project_slab(a, coord, R, t, size, camera, u, v, inverse, far):
 
 @nb.njit(cache=True, parallel=True, fastmath=True)
 def integrate(
-    blocks, range_image, cosine, slot_image, color_image, camera, max_step, max_weight, freespace_slot,
+    blocks, range_image, cosine, slot_image, color_image, camera, max_step, max_weight, freespace_slot, rest_slot,
     rotations, translations, voxel_sizes, truncations,
     block_coord, block_slot, distance, weight, color, belonging, has_surface, dirty,
 ):  # fmt: skip
@@ -95,8 +95,8 @@ def integrate(
 
     range_image (H, W) along the ray; cosine (H/2, W/2) between ray and surface: the distance along the ray times it is
     that along the surface's normal, which all views of a surface agree on (all ones: along the ray). slot_image (H, W):
-    the submap slot of each pixel (-1: none), color_image (H, W, 3), camera (fx, fy, cx, cy). rotations, translations:
-    T_camera_submap of each slot.
+    the submap slot of each pixel (-1: none; rest_slot: unlabeled), color_image (H, W, 3), camera (fx, fy, cx, cy).
+    rotations, translations: T_camera_submap of each slot.
     distance (M, 8, 8, 8) int16, weight (M, 8, 8, 8) float32, color (M, 8, 8, 8, 3) and belonging (M, 8, 8, 8, 2)
     uint8, has_surface (M,) and dirty (M,) bool of the pool are written. Colour is kept within a voxel of the surface,
     where a mesh can need it.
@@ -153,9 +153,11 @@ def integrate(
                 if not in_band or slot == freespace_slot:
                     continue
                 seen = slot_image[row, column]
-                if seen >= 0:
+                # A pixel without a label says nothing of whose surface it shows, but to the rest.
+                unknown = seen < 0 or (seen == rest_slot and slot != rest_slot)
+                if not unknown:
                     count_belonging(belonging[block, i, j, k], seen == slot)
-                if (seen == slot or seen < 0) and sdf <= size and sdf >= -size:
+                if (seen == slot or unknown) and sdf <= size and sdf >= -size:
                     mix_color(
                         color[block, i, j, k], color_image[row, column], max(gain, w / min(total, w * COLOR_MEMORY))
                     )

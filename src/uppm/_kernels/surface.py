@@ -52,3 +52,20 @@ def count_on_surface(points, slot, keys, values, chunk_blocks, distance, weight,
             if on_surface(distance[b, i, j, k], weight[b, i, j, k], belonging[b, i, j, k], limit):
                 count += 1
     return count
+
+
+@nb.njit(cache=True)
+def disown(points, slot, keys, values, chunk_blocks, belonging, dirty, size):
+    """Let a submap's voxels at and around points (N, 3), frame submap, belong to another."""
+    for n in range(points.shape[0]):
+        x = int(np.floor(points[n, 0] / size))
+        y = int(np.floor(points[n, 1] / size))
+        z = int(np.floor(points[n, 2] / size))
+        for i in range(x - 1, x + 2):
+            for j in range(y - 1, y + 2):
+                for k in range(z - 1, z + 2):
+                    b = find_block(keys, values, chunk_blocks, slot, i >> 3, j >> 3, k >> 3)
+                    if b != NONE:
+                        belonging[b, i & 7, j & 7, k & 7, 0] = 0
+                        belonging[b, i & 7, j & 7, k & 7, 1] = 1
+                        dirty[b] = True

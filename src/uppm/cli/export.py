@@ -52,23 +52,33 @@ def export(
 def _write_meshes(panoptic: PanopticMap, mesh: Path | None, objects: Path | None, coloring: str) -> list[Path]:
     if not (mesh or objects):
         return []
-    from uppm.core.types import SubmapState
-    from uppm.export.meshes import write_meshes, write_objects
+    from uppm.export.meshes import write_objects
 
     written = []
     if mesh:
-        shown = [s for s in panoptic.submaps if s.state is not SubmapState.TENTATIVE]
-        write_meshes(mesh, _meshes(panoptic, shown, coloring), up=panoptic.up)
+        write_mesh_file(panoptic, mesh, coloring)
         written.append(mesh)
     if objects:
         written += write_objects(objects, _meshes(panoptic, panoptic.objects, coloring))
     return written
 
 
+def write_mesh_file(panoptic: PanopticMap, file: Path, coloring: str) -> None:
+    """All surfaces of a map in one file, .ply or .glb."""
+    from uppm.core.types import SubmapState
+    from uppm.export.meshes import write_meshes
+
+    shown = [s for s in panoptic.submaps if s.state is not SubmapState.TENTATIVE]
+    write_meshes(file, _meshes(panoptic, shown, coloring), up=panoptic.up)
+
+
 def _meshes(panoptic: PanopticMap, submaps: tuple[Submap, ...] | list[Submap], coloring: str) -> dict[str, Mesh]:
     kind = cast("Literal['color', 'instance', 'category']", coloring)
-    described = [s for s in submaps if s.descriptor]
-    return {f"{s.id}_{s.descriptor.category.name}": panoptic.submap_mesh(s.id, kind) for s in described if s.descriptor}
+    return {
+        f"{s.id}_{s.descriptor.category.name if s.descriptor else 'unlabeled'}": panoptic.submap_mesh(s.id, kind)
+        for s in submaps
+        if s.kind.value != "freespace"
+    }
 
 
 def _write_pictures(panoptic: PanopticMap, top: Path | None, view: Path | None, coloring: str) -> list[Path]:

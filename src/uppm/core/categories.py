@@ -38,3 +38,8 @@ def category_by_name() -> dict[str, Category]:
 def category_by_id() -> dict[int, Category]:
     """Id -> category."""
     return {category.id: category for category in unified_categories()}
+
+
+def plain_name(category: str) -> str:
+    """A category's name as one says it: 'window-other' -> 'window', 'floor-wood' -> 'floor wood'."""
+    return category.removesuffix("-other").removesuffix("-stuff").replace("-", " ")

@@ -81,6 +81,8 @@ class FusionConfig(Section):
     """One size for every submap, metres; None: the category's size prior."""
     freespace_voxel_size: float = Field(default=0.3, gt=0)
     """Metres."""
+    unlabeled_voxel_size: float = Field(default=0.05, gt=0)
+    """Metres; of the background submap that holds what no segment covers."""
     min_iou: float = Field(default=0.1, ge=0, le=1)
     """Least IoU of an association (paper equation 4)."""
     category_policy: Literal["same", "compatible", "any"] = "compatible"

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from uppm._kernels.camera import PARTS, look_up, segment_pixels
+from uppm._kernels.hashing import NONE
 from uppm.core.categories import unified_categories
 from uppm.core.config import FusionConfig
 from uppm.core.geometry import transform
@@ -66,6 +67,7 @@ class PanopticFusion:
         self._submaps: dict[int, LiveSubmap] = {}
         self._bounds: dict[int, npt.NDArray[np.float64]] = {}
         self._freespace: LiveSubmap | None = None
+        self._rest: LiveSubmap | None = None
         self.next_id = 1
         self.dropped: Counter[str] = Counter()
         """Reason -> segments and submaps dropped so far."""
@@ -73,30 +75,33 @@ class PanopticFusion:
     def fuse(self, frame: Frame, segmentation: DescribedSegmentation) -> IdImage:
         """Fuse one frame. Returns the submap id of each pixel, (H, W), 0 where there is none."""
         numba.set_num_threads(self._threads)
-        self._found_freespace(frame.index)
         view = self._views.view(frame)
+        self._found_common(frame.index, bool(((segmentation.ids == 0) & (view.depth > 0)).any()))
         tracks = self._track(view, segmentation)
         targets = self._associate(tracks, segmentation)
         submaps = self._observe(frame, tracks, targets, segmentation)
         self._miss(view, tracks, submaps)
-        slots = np.array([-1, *(s.slot if s else -1 for s in submaps)], dtype=np.int32)
+        rest = self._rest.slot if self._rest else NONE
+        slots = np.array([rest, *(s.slot if s else rest for s in submaps)], dtype=np.int32)
         numbers = np.array([0, *(s.id if s else 0 for s in submaps)], dtype=np.int32)
         slot_image, id_image = np.empty_like(segmentation.ids), np.empty_like(segmentation.ids)
         look_up(segmentation.ids, slots, numbers, slot_image, id_image)
         new = self._volume.allocate(view, slot_image)
         # A removed or resampled submap's blocks may have been handed out again as new ones: each once.
         blocks = np.unique(np.concatenate([self._integrable(tracks), new]))
-        self._volume.integrate(view, blocks, slot_image)
+        self._volume.integrate(view, blocks, slot_image, rest)
         self._forget_bounds(blocks)
         return id_image
 
-    def _found_freespace(self, frame: int) -> None:
+    def _found_common(self, frame: int, unlabeled: bool) -> None:
+        """The two submaps that are no segment's: freespace, and the background that no segment covers."""
         if self._freespace is None:
-            size = self._config.freespace_voxel_size
-            self._freespace = self._add(SubmapKind.FREESPACE, size, frame)
-            self._freespace.state = SubmapState.CONFIRMED
-        self._freespace.last_frame = frame
-        self._freespace.views += 1
+            self._freespace = self._add(SubmapKind.FREESPACE, self._config.freespace_voxel_size, frame)
+        if self._rest is None and unlabeled:
+            self._rest = self._add(SubmapKind.BACKGROUND, self._config.unlabeled_voxel_size, frame)
+        for submap in (self._freespace, self._rest):
+            if submap:
+                submap.state, submap.last_frame, submap.views = SubmapState.CONFIRMED, frame, submap.views + 1
 
     def _add(self, kind: SubmapKind, voxel_size: float, frame: int) -> LiveSubmap:
         truncation = voxel_size * self._config.truncation
@@ -120,7 +125,7 @@ class PanopticFusion:
         """Render all submaps into the view."""
         submaps = tuple(self._submaps.values())
         visible = self._volume.visible(view, np.array([s.slot for s in submaps], dtype=np.int32))
-        solid = tuple(s for s in submaps if s.kind is not SubmapKind.FREESPACE)
+        solid = tuple(s for s in submaps if s.descriptor)
         slots = np.array([s.slot for s in solid], dtype=np.int32)
         n = len(segmentation.descriptors)
         overlap = self._volume.overlap(view, visible, slots, segmentation.ids, n)
@@ -213,16 +218,26 @@ class PanopticFusion:
             if submap.state is SubmapState.TENTATIVE:
                 self.dropped["tentative submap at the end"] += 1
                 self.remove(submap.id)
+        self._yield_unlabeled()
         merging.merge_duplicates(self._submaps, self._volume, self._similarity, self._row, self._config, self.dropped)
         for submap in list(self._submaps.values()):
             if submap.kind is SubmapKind.FREESPACE:
                 continue
-            if len(self._volume.surface_points(submap.slot)) < self._config.min_surface:
+            if submap.descriptor and len(self._volume.surface_points(submap.slot)) < self._config.min_surface:
                 self.dropped["submap without a surface of its own"] += 1
                 self.remove(submap.id)
             else:
                 self._volume.prune(submap.slot)
         self._bounds.clear()
+
+    def _yield_unlabeled(self) -> None:
+        """What was labeled in some frames only is no part of the unlabeled background."""
+        if self._rest is None:
+            return
+        for submap in self._submaps.values():
+            if submap.descriptor:
+                points = transform(submap.T_map_submap, self._volume.surface_points(submap.slot))
+                self._volume.disown(self._rest.slot, points)
 
     def submaps(self) -> tuple[Submap, ...]:
         """Records of all submaps, by id."""
@@ -260,6 +275,8 @@ class PanopticFusion:
             self._volume.put(slot, source.blocks(record.id))
             if freespace:
                 self._freespace = self._submaps[record.id]
+            elif record.descriptor is None:
+                self._rest = self._submaps[record.id]
         self.changes()
         self.next_id = next_id
 

@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from uppm.core.config import FusionConfig
 from uppm.core.geometry import transform
-from uppm.core.types import SubmapKind
 from uppm.fusion import descriptors
 from uppm.fusion.resampling import combine, resample
 from uppm.fusion.submaps import LiveSubmap
@@ -32,7 +31,7 @@ def merge_duplicates(
 
     submaps and dropped are changed. similarity (C, C): cosine of category embeddings; row: category id -> its row.
     """
-    points = {s.id: _points(s, volume) for s in submaps.values() if s.kind is not SubmapKind.FREESPACE}
+    points = {s.id: _points(s, volume) for s in submaps.values() if s.descriptor}
     while True:
         best, pair = config.merge_overlap, None
         for a, b in _candidates(submaps, points):

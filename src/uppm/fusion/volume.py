@@ -12,7 +12,7 @@ from uppm._kernels import associate as _associate
 from uppm._kernels.camera import PARTS
 from uppm._kernels.hashing import BLOCKS_PER_CHUNK, NONE, SLOT_LIMIT
 from uppm._kernels.integrate import holds_surface, integrate
-from uppm._kernels.surface import FULL, count_on_surface, surface_points
+from uppm._kernels.surface import FULL, count_on_surface, disown, surface_points
 from uppm._kernels.visible import MAX_CANDIDATES, visible_blocks
 from uppm.core.errors import UppmError
 from uppm.core.geometry import invert, transform
@@ -158,13 +158,16 @@ class Volume:
         p.has_surface[new], p.dirty[new] = False, True
         return new
 
-    def integrate(self, view: View, blocks: Indices, slot_image: npt.NDArray[np.int32]) -> None:
-        """Update the voxels of these blocks with the view; slot_image (H, W): each pixel's submap slot or -1."""
+    def integrate(self, view: View, blocks: Indices, slot_image: npt.NDArray[np.int32], rest: int = NONE) -> None:
+        """Update the voxels of these blocks with the view.
+
+        slot_image (H, W): each pixel's submap slot, or -1; rest: the slot that takes pixels without a label.
+        """
         p, (R, t) = self.pool, self._T_camera_submap(view)
         max_step, max_weight = self._limits
         integrate(
             blocks, view.range_image, view.cosine, slot_image, view.color, view.camera,
-            max_step, max_weight, self._freespace, R, t, self._voxel_size, self._truncation,
+            max_step, max_weight, self._freespace, rest, R, t, self._voxel_size, self._truncation,
             p.block_coord, p.block_slot, p.distance, p.weight, p.color, p.belonging, p.has_surface, p.dirty,
         )  # fmt: skip
 
@@ -203,6 +206,11 @@ class Volume:
             self._limit(slot, 1.0), float(self._voxel_size[slot]),
         )  # fmt: skip
         return count / max(1, len(points))
+
+    def disown(self, slot: int, points: npt.NDArray[np.float64]) -> None:
+        """Let a submap's surface at and around points (N, 3), frame map, belong to another."""
+        p, local = self.pool, transform(invert(self._T_map_submap[slot]), points)
+        disown(local, slot, p.keys, p.values, p.chunk_blocks, p.belonging, p.dirty, float(self._voxel_size[slot]))
 
     def _limit(self, slot: int, voxels: float) -> int:
         """A distance in voxels in the fixed point of a submap's distances."""

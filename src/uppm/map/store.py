@@ -54,7 +54,7 @@ class MapWriter:
             The file exists and `overwrite` is False, its folder is missing, or another process writes it.
         """
         path = Path(path)
-        _check_free(path, overwrite)
+        check_free(path, overwrite)
         staging = _staging(path)
         with map_errors(path):
             if overwrite and path.exists():
@@ -146,7 +146,7 @@ class MapWriter:
         # Closed first: SQLite would go on naming the journal after the old name.
         self._db.close()
         try:
-            _check_free(self.path, self._overwrite)
+            check_free(self.path, self._overwrite)
             _staging(self.path).replace(self.path)
             self._staged = False
         finally:
@@ -231,7 +231,8 @@ def _staging(path: Path) -> Path:
     return path.with_name(path.name + ".new")
 
 
-def _check_free(path: Path, overwrite: bool) -> None:
+def check_free(path: Path, overwrite: bool) -> None:
+    """Raise `MapFileError` where a map cannot be written under a name."""
     if path.is_dir():
         raise MapFileError(path, expected="a file name for the map", found="a folder", advice="add a name")
     if not path.parent.is_dir():
