@@ -107,6 +107,26 @@ def test_unseen_voxels_lend_no_colour() -> None:
     assert (mesh.colors == 200).all()
 
 
+def test_black_things_stay_black() -> None:
+    blocks = blocks_of(plane((0, 0, 1), 0.1), (-1, -1, -1), (1, 1, 1), 0.05)
+    mesh = submap_mesh(submap_of(1, voxel=0.05), dataclasses.replace(blocks, color=np.zeros_like(blocks.color)))
+    assert len(mesh.colors) > 0
+    assert (mesh.colors == 0).all()
+
+
+def test_no_surface_between_the_inside_and_free_space_beside_it() -> None:
+    """Behind an edge that rays passed, the distance jumps from deep inside to the free space's truncation."""
+    voxel = 0.05
+    blocks = blocks_of(plane((0, 0, 1), 0.1), (-1, -1, -1), (1, 1, 1), voxel)
+    x = (8 * blocks.coords[:, 0, None] + np.arange(8) + 0.5) * voxel
+    distance, weight = blocks.distance.copy(), blocks.weight.copy()
+    free = np.broadcast_to((x > 0)[:, :, None, None], distance.shape)
+    distance[free], weight[free] = 32767, 3
+    mesh = submap_mesh(submap_of(1, voxel=voxel), dataclasses.replace(blocks, distance=distance, weight=weight))
+    # Less than a voxel behind the surface the step is no steeper than a surface's own; deeper, it is.
+    assert mesh.vertices[:, 2].min() > 1.0 + 0.1 - 1.5 * voxel
+
+
 def test_unobserved_corners_leave_a_hole() -> None:
     voxel = 0.05
     blocks = blocks_of(plane((0, 0, 1), 0.1), (-2, -2, -1), (2, 2, 1), voxel)

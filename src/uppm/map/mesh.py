@@ -16,6 +16,7 @@ from skimage.measure import marching_cubes
 from uppm.core.geometry import transform
 from uppm.core.types import VOXELS_PER_SIDE, Mesh, Submap, VoxelBlocks
 
+_T = TypeVar("_T", bound=np.generic)
 _C = TypeVar("_C", np.uint8, np.float32)
 
 MIN_BELONGING = 2
@@ -29,7 +30,7 @@ _LEVEL = -0.5
 _WELD = 1e-4
 """Voxels; tiles compute the vertices of their shared face alike, up to rounding."""
 _FILL_RINGS = 4
-"""Vertices so far from a seen voxel still get a colour from their neighbours."""
+"""Vertices so far from one with a colour get theirs from their neighbours."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class _Tile:
     shape: tuple[int, ...]
     """Voxels of the tile and of the one layer that it shares with each next tile."""
 
-    def dense(self, per_block: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+    def dense(self, per_block: npt.NDArray[_T]) -> npt.NDArray[_T]:
         """(X, Y, Z) from (N + 1, 8, 8, 8) whose last block stands for absent ones."""
         bx, by, bz = self.index.shape
         s = VOXELS_PER_SIDE
@@ -59,6 +60,8 @@ def submap_mesh(submap: Submap, blocks: VoxelBlocks, *, min_belonging: int = MIN
     says nothing of a surface, and has no colour.
     """
     seen = blocks.belonging[..., 0] > 0
+    # Colour is kept near the surface only; black stands for none, and black surroundings fill it in black.
+    colored = seen & blocks.color.any(axis=-1)
     distance = _padded(blocks.distance).astype(np.float32)
     observed = _padded(blocks.weight > 0)
     belongs = _padded(seen & (blocks.weight > 0) & (blocks.belonging[..., 0] >= blocks.belonging[..., 1]))
@@ -70,7 +73,7 @@ def submap_mesh(submap: Submap, blocks: VoxelBlocks, *, min_belonging: int = MIN
         surface = _surface(field, cells)
         if surface is not None:
             vertices, faces = surface
-            colors = _colors(vertices, tile, blocks.color, seen)
+            colors = _colors(vertices, tile, blocks.color, colored)
             parts.append((vertices + float(VOXELS_PER_SIDE) * tile.low, colors, faces))
     if not parts:
         return empty_mesh()
@@ -106,7 +109,7 @@ def merged(meshes: Sequence[Mesh]) -> Mesh:
     return Mesh(vertices=vertices, normals=normals, colors=colors, faces=faces)
 
 
-def _padded(field: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+def _padded(field: npt.NDArray[_T]) -> npt.NDArray[_T]:
     return np.concatenate([field, np.zeros((1, *field.shape[1:]), field.dtype)])
 
 
@@ -122,7 +125,7 @@ def _tiles(coords: npt.NDArray[np.int32]) -> Iterator[_Tile]:
 
 
 def _cells(
-    observed: npt.NDArray[np.generic], belongs: npt.NDArray[np.generic], min_belonging: int
+    observed: npt.NDArray[np.bool_], belongs: npt.NDArray[np.bool_], min_belonging: int
 ) -> npt.NDArray[np.bool_]:
     """(X, Y, Z) True at the highest corner of each cell to mesh, where scikit-image's mask is read."""
     all_observed, belonging = observed.astype(np.bool_), belongs.astype(np.uint8)
@@ -136,7 +139,7 @@ def _cells(
     return cells
 
 
-def _smooth(distance: npt.NDArray[np.generic], steepest: float) -> npt.NDArray[np.bool_]:
+def _smooth(distance: npt.NDArray[np.floating], steepest: float) -> npt.NDArray[np.bool_]:
     """(X, Y, Z) False at the highest corner of each cell with an edge on which the sign changes over a step too steep.
 
     Distances along the normal change by at most a voxel from one voxel to the next. Where more lies between the inside
@@ -155,7 +158,7 @@ def _smooth(distance: npt.NDArray[np.generic], steepest: float) -> npt.NDArray[n
 
 
 def _surface(
-    distance: npt.NDArray[np.generic], cells: npt.NDArray[np.bool_]
+    distance: npt.NDArray[np.floating], cells: npt.NDArray[np.bool_]
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32]] | None:
     """Vertices (V, 3) in voxels from the tile's first voxel centre, and faces; None where no surface passes."""
     if not cells.any() or not distance.min() < _LEVEL < distance.max():
@@ -168,15 +171,15 @@ def _surface(
 
 
 def _colors(
-    vertices: npt.NDArray[np.float32], tile: _Tile, color: npt.NDArray[np.uint8], seen: npt.NDArray[np.bool_]
+    vertices: npt.NDArray[np.float32], tile: _Tile, color: npt.NDArray[np.uint8], colored: npt.NDArray[np.bool_]
 ) -> npt.NDArray[np.float32]:
-    """Colours (V, 3) interpolated along the edge on which each vertex lies, between seen voxels; NaN without any."""
+    """Colours (V, 3) interpolated along each vertex's edge between the voxels that have one; NaN without any."""
     low = np.floor(vertices).astype(np.int64)
     share = (vertices - low).max(axis=1)
     total, weight = np.zeros(vertices.shape, np.float32), np.zeros(len(vertices), np.float32)
     for voxel, part in ((low, 1 - share), (np.ceil(vertices).astype(np.int64), share)):
         at = (tile.index[tuple((voxel // VOXELS_PER_SIDE).T)], *(voxel % VOXELS_PER_SIDE).T)
-        w = np.where(seen[at], np.maximum(part, 1e-3), 0).astype(np.float32)
+        w = np.where(colored[at], np.maximum(part, 1e-3), 0).astype(np.float32)
         total += w[:, None] * color[at]
         weight += w
     return np.divide(total, weight[:, None], out=np.full_like(total, np.nan), where=weight[:, None] > 0)
@@ -195,7 +198,7 @@ def _filled(colors: npt.NDArray[np.float32], faces: npt.NDArray[np.int32]) -> np
         for channel in range(3):
             total = np.bincount(at, colors[far[use], channel], len(colors))
             np.divide(total, count, out=colors[:, channel], where=count > 0, casting="same_kind")
-    return np.rint(np.nan_to_num(colors, nan=128.0)).astype(np.uint8)
+    return np.rint(np.nan_to_num(colors)).astype(np.uint8)
 
 
 def _joined(
