@@ -21,20 +21,20 @@ from uppm.perception.segmentation.surfaces import Surfaces, surfaces
 
 Mask = npt.NDArray[np.bool_]
 
-MARGIN = 0.3
+MARGIN = 0.35
 """What is seen around the box, as a share of its sides."""
 PATCH_INSIDE = 0.7
 """A patch with less of itself in the box is background."""
-PIECE_INSIDE = 0.85
+PIECE_INSIDE = 0.92
 """A connected piece with less of itself in the box is another object."""
 MIN_PLANE = 200
 """Background patches at least so large extend to all that lies in their plane, reduced pixels."""
 PLANE_RMS = 0.01
-PLANE_TOLERANCE = 0.012
+PLANE_TOLERANCE = 0.009
 """Metres, before sensor noise."""
 OWN_PATCH_SHARE = 0.03
 """A patch that fills so much of the box, and lies in it, is the object's even in the plane of the background."""
-LINK = 0.016
+LINK = 0.02
 """Neighbouring pixels are connected where their depths differ by less than this share of the depth."""
 KEEP_SHARE = 0.3
 """Dropping other objects must leave so much of the foreground; else they were the object, touching its support."""
@@ -199,16 +199,20 @@ def _paint(mask: Mask, frame: Frame, view: _View, found: Mask, box: npt.NDArray[
     """Write the object at full size into `mask` (H, W)."""
     if np.count_nonzero(found) < MIN_FILL * np.count_nonzero(view.inside):
         found = _by_color(frame, view)
-    s = view.scale
-    top, left = view.y * s, view.x * s
-    height, width = (min(n * s, limit) for n, limit in zip(found.shape, mask.shape, strict=True))
-    full = cv2.resize(found.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR) > 0.5
-    target = mask[top : top + height, left : left + width]
-    near = np.s_[top : top + target.shape[0], left : left + target.shape[1]]
-    sharp = _sharpen(full[: target.shape[0], : target.shape[1]], frame.depth[near], s * SHARPEN)
-    within = np.zeros(mask.shape, dtype=bool)
-    within[_window(box)] = True
-    target[:] = sharp & within[near] & (frame.depth[near] > 0)
+    s, radius = view.scale, view.scale * SHARPEN
+    height, width = found.shape
+    full = cv2.resize(found.astype(np.uint8) * 255, (width * s, height * s), interpolation=cv2.INTER_LINEAR) > 127
+    rows, columns = _window(box)
+    top, left = max(rows.start - radius, view.y * s), max(columns.start - radius, view.x * s)
+    near = np.s_[top : rows.stop + radius, left : columns.stop + radius]
+    depth = frame.depth[near]
+    offset = np.s_[top - view.y * s :, left - view.x * s :]
+    height, width = (min(a, b) for a, b in zip(full[offset].shape, depth.shape, strict=True))
+    sharp = np.zeros(depth.shape, dtype=bool)
+    sharp[:height, :width] = _sharpen(full[offset][:height, :width], depth[:height, :width], radius)
+    mask[rows, columns] = (sharp & (depth > 0))[rows.start - top :, columns.start - left :][
+        : rows.stop - rows.start, : columns.stop - columns.start
+    ]
 
 
 def _sharpen(mask: Mask, depth: npt.NDArray[np.float32], radius: int) -> Mask:

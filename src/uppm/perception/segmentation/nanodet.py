@@ -49,9 +49,11 @@ class NanoDet:
 
 def preprocess(color: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
     """Network input (1, 3, 416, 416), BGR, normalised."""
-    small = cv2.resize(color, (SIDE, SIDE), interpolation=cv2.INTER_LINEAR)[..., ::-1]
-    normalised = (small - MEAN_BGR) / STD_BGR
-    return np.ascontiguousarray(normalised.transpose(2, 0, 1)[None])
+    small = cv2.resize(color, (SIDE, SIDE), interpolation=cv2.INTER_LINEAR)
+    out = np.ascontiguousarray(small.transpose(2, 0, 1)[::-1], dtype=np.float32)
+    out -= MEAN_BGR[:, None, None]
+    out /= STD_BGR[:, None, None]
+    return out[None]
 
 
 def decode(

@@ -74,9 +74,14 @@ def _levels(
             continue
         near = (surface.depth > 0) & (np.abs(height - at) < tolerance)
         flat = (sign * (s.normal @ gravity.up) > LEVEL_COS) & (s.flat > 0.9)
-        whole = np.flatnonzero(flat & (np.abs(s.center @ gravity.up - at) < 2 * TOLERANCE)) + 1
-        found.append((name, near & ((sign * level > LEVEL_COS) | np.isin(surface.patches, whole))))
+        whole = _of_patches(surface, flat & (np.abs(s.center @ gravity.up - at) < 2 * TOLERANCE))
+        found.append((name, near & ((sign * level > LEVEL_COS) | whole)))
     return found
+
+
+def _of_patches(surface: Surfaces, chosen: Mask) -> Mask:
+    """Pixels (h, w) of the patches whose flag in `chosen` (N,) is set."""
+    return np.concatenate([[False], chosen])[surface.patches]
 
 
 def _segment(name: str) -> Segment:
@@ -133,13 +138,14 @@ def _walls(
         left &= ~members
         behind = parallel & (offset < -FURNITURE_GAP[0]) & (offset > -FURNITURE_GAP[1])
         furniture = s.area[behind].sum() > 0.25 * s.area[members].sum()
-        cut = np.isin(surface.patches[:3], np.flatnonzero(members) + 1).any()
+        own = _of_patches(surface, members)
+        cut = own[:3].any()
         low = gravity.floor is not None and not cut and s.top[members].max() < MIN_WALL_TOP
         if furniture or low or s.area[members].sum() < MIN_WALL_AREA:
             continue
         distance = np.abs(surface.points @ (R.T @ normal) + (t - s.center[seed]) @ normal)
         near = (distance < tolerance) & (surface.depth > 0) & (surface.normals @ (R.T @ normal) > LEVEL_COS)
-        walls.append(near | np.isin(surface.patches, np.flatnonzero(members) + 1))
+        walls.append(near | own)
     return walls
 
 

@@ -165,16 +165,18 @@ def _fill(patches: npt.NDArray[np.int32], inverse: npt.NDArray[np.float32], limi
     """Grow the patches over edge pixels, each taking the neighbour that is nearest in inverse depth."""
     filled = cv2.copyMakeBorder(patches, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
     values = cv2.copyMakeBorder(inverse, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
+    inner = np.s_[1:-1, 1:-1]
+    around = (np.s_[1:-1, 2:], np.s_[1:-1, :-2], np.s_[2:, 1:-1], np.s_[:-2, 1:-1])
+    gaps = [np.abs(values[at] - inverse) for at in around]
     for _ in range(FILL_ROUNDS):
-        rows, columns = np.nonzero((filled[1:-1, 1:-1] == 0) & (inverse > 0))
-        around = [(rows + 1 + dy, columns + 1 + dx) for dy, dx in ((0, 1), (0, -1), (1, 0), (-1, 0))]
-        ids = np.stack([filled[at] for at in around])
-        gaps = np.stack([np.abs(values[at] - inverse[rows, columns]) for at in around])
-        gaps[ids == 0] = np.inf
-        best = gaps.argmin(axis=0)
-        chosen = np.where(gaps.min(axis=0) < limit, ids[best, np.arange(len(best))], 0)
-        filled[rows + 1, columns + 1] = chosen
-    return np.ascontiguousarray(filled[1:-1, 1:-1], dtype=np.int32)
+        empty, chosen = filled[inner] == 0, filled[inner].copy()
+        nearest = np.where(inverse > 0, np.float32(limit), np.float32(0))
+        for at, gap in zip(around, gaps, strict=True):
+            takes = empty & (filled[at] > 0) & (gap < nearest)
+            np.copyto(chosen, filled[at], where=takes)
+            np.copyto(nearest, gap, where=takes)
+        filled[inner] = chosen
+    return np.ascontiguousarray(filled[inner], dtype=np.int32)
 
 
 def fit_planes(
