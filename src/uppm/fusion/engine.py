@@ -140,8 +140,6 @@ class PanopticFusion:
         least = tracking.least_iou(
             of_submaps, of_segments, self._similarity, c.category_policy, c.min_iou, c.min_cosine
         )
-        is_object = np.array([s.kind is SubmapKind.OBJECT for s in tracks.submaps], dtype=np.bool_)
-        least[is_object[:, None] != np.array(segmentation.is_thing, dtype=np.bool_)[None, :]] = np.inf
         targets = tracking.assign(tracking.iou_matrix(tracks.overlap, tracks.observed), least)
         return tracking.join_contained(targets, tracks.overlap, tracks.observed, np.isfinite(least), c.min_containment)
 
@@ -153,13 +151,14 @@ class PanopticFusion:
         for n, e in enumerate(segmentation.descriptors):
             submap = tracks.submaps[targets[n]] if targets[n] != tracking.NEW else None
             if submap is None and self._founds(frame, e.voxel_size, int(tracks.observed[n]), tracks.depth[n]):
-                kind = SubmapKind.OBJECT if segmentation.is_thing[n] else SubmapKind.BACKGROUND
-                submap = self._add(kind, self._config.voxel_size or e.voxel_size, frame.index)
+                submap = self._add(SubmapKind.BACKGROUND, self._config.voxel_size or e.voxel_size, frame.index)
             out.append(submap)
             if submap is None:
                 self.dropped["segment too small to found a submap"] += 1
                 continue
             weight = lifecycle.vote_weight(e.score, float(tracks.depth[n]), self._config)
+            if segmentation.is_thing[n]:
+                submap.kind = SubmapKind.OBJECT
             submap.descriptor = descriptors.observe(submap.descriptor, e, frame.index, weight)
             lifecycle.seen(submap, frame.index, e.score, self._config)
             self._follow_size_prior(submap)

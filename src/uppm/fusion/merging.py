@@ -10,9 +10,11 @@ import numpy.typing as npt
 
 from uppm.core.config import FusionConfig
 from uppm.core.geometry import transform
+from uppm.core.types import SubmapKind
 from uppm.fusion import descriptors
 from uppm.fusion.resampling import combine, resample
 from uppm.fusion.submaps import LiveSubmap
+from uppm.fusion.tracking import least_iou
 from uppm.fusion.volume import Volume
 
 MAX_POINTS = 4000
@@ -33,12 +35,13 @@ def merge_duplicates(
     """
     points = {s.id: _points(s, volume) for s in submaps.values() if s.descriptor}
     while True:
-        best, pair = config.merge_overlap, None
+        best, pair = 0.0, None
         for a, b in _candidates(submaps, points):
-            if not _compatible(a, b, similarity, row, config):
+            least = _least_overlap(a, b, similarity, row, config)
+            if least > 1:
                 continue
             overlap = max(volume.share_on_surface(points[a.id], b.slot), volume.share_on_surface(points[b.id], a.slot))
-            if overlap > best:
+            if overlap >= least and overlap > best:
                 best, pair = overlap, (a, b)
         if pair is None:
             return
@@ -56,24 +59,23 @@ def _points(submap: LiveSubmap, volume: Volume) -> npt.NDArray[np.float64]:
 
 
 def _candidates(submaps: Mapping[int, LiveSubmap], points: Mapping[int, npt.NDArray[np.float64]]):
-    """Pairs of one kind whose bounding boxes meet."""
+    """Pairs whose bounding boxes meet."""
     boxes = {n: (p.min(axis=0), p.max(axis=0)) for n, p in points.items() if len(p)}
     ids = sorted(boxes)
     for i, m in enumerate(ids):
         for n in ids[i + 1 :]:
             a, b = submaps[m], submaps[n]
-            meet = (boxes[m][0] <= boxes[n][1]).all() and (boxes[n][0] <= boxes[m][1]).all()
-            if a.kind is b.kind and meet:
+            if (boxes[m][0] <= boxes[n][1]).all() and (boxes[n][0] <= boxes[m][1]).all():
                 yield a, b
 
 
-def _compatible(
+def _least_overlap(
     a: LiveSubmap, b: LiveSubmap, similarity: npt.NDArray[np.float32], row: Mapping[int, int], config: FusionConfig
-) -> bool:
-    if a.category_id == b.category_id or config.category_policy == "any":
-        return True
-    cosine = similarity[row[a.category_id], row[b.category_id]]
-    return config.category_policy == "compatible" and cosine >= config.min_cosine
+) -> float:
+    """Overlap at which two submaps are one: more, the less their categories agree."""
+    rows = (np.array([row[s.category_id]], dtype=np.intp) for s in (a, b))
+    least = least_iou(*rows, similarity, config.category_policy, config.merge_overlap, config.min_cosine)
+    return float(least[0, 0])
 
 
 def _merge(kept: LiveSubmap, other: LiveSubmap, volume: Volume) -> None:
@@ -84,6 +86,8 @@ def _merge(kept: LiveSubmap, other: LiveSubmap, volume: Volume) -> None:
     volume.replace(kept.slot, kept.voxel_size, kept.truncation, both)
     if kept.descriptor and other.descriptor:
         kept.descriptor = descriptors.merge(kept.descriptor, other.descriptor)
+    if SubmapKind.OBJECT in (kept.kind, other.kind):
+        kept.kind = SubmapKind.OBJECT
     kept.first_frame = min(kept.first_frame, other.first_frame)
     kept.last_frame = max(kept.last_frame, other.last_frame)
     kept.views += other.views
