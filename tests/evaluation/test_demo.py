@@ -70,7 +70,7 @@ def test_depth_poses_and_intrinsics_agree_with_the_surface(demo: Path) -> None:
 def test_every_surface_point_was_seen(demo: Path) -> None:
     truth = load_surface_truth(demo)
     seen = np.concatenate([camera_points(demo, frame)[0] for frame in range(FRAMES)])
-    distance, _ = KDTree(seen).query(truth.points[::11])
+    distance, _ = KDTree(seen).query(truth.points[::31])
     assert np.percentile(distance, 99) < 0.03
 
 
