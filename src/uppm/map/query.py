@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from uppm.core.categories import plain_name
 from uppm.core.types import DynamicDescriptor, LabelRecord, Submap
 
 Vector = npt.NDArray[np.float32]
@@ -16,7 +17,7 @@ FOUND_PROBABILITY = 0.5
 """At least so probable must an answer be to count as found."""
 RARE_LABEL_PENALTY = 0.1
 """Cosine that a label of vanishing share in its submap's votes loses."""
-WEIGHTS = (-2.5, 14.35, 14.43)
+WEIGHTS = (-2.61, 14.42, 14.26)
 """Logistic regression on 1, the label's cosine and the category's; fitted by tools/calibrate_query.py."""
 
 
@@ -100,8 +101,3 @@ def _label_match(
     cosine = 1.0 if record.text == phrase else float(known @ vector) if known is not None else -1.0
     share = record.weight / total if total > 0 else 1.0
     return cosine - RARE_LABEL_PENALTY * (1 - share)
-
-
-def plain_name(category: str) -> str:
-    """A category's name as one says it: 'window-other' -> 'window', 'floor-wood' -> 'floor wood'."""
-    return category.removesuffix("-other").removesuffix("-stuff").replace("-", " ")

@@ -37,15 +37,23 @@ fungus stimulus thermos asbestos cosmos rhinoceros chaos dress glass swiss sassa
 marquis debris louis paris texas suds dregs cutlass
 """
 _ARTICLES_TEXT = """
-a an the some any this that these those my your his her its our their one two three four
+a an the some any this that these those my your his her its our their
+"""
+_NUMBERS_TEXT = """
+two three four five six seven eight nine ten several many few both
+"""
+_EYEWEAR_TEXT = """
+eye sun reading safety swimming protective prescription vr 3d
 """
 _PREPOSITIONS_TEXT = """
 of with in on at for to from by near under over behind beside next that which
 """
-_KEEP_IE, _INVARIANT, _ARTICLES, _PREPOSITIONS = (
-    frozenset(text.split()) for text in (_KEEP_IE_TEXT, _INVARIANT_TEXT, _ARTICLES_TEXT, _PREPOSITIONS_TEXT)
+_KEEP_IE, _INVARIANT, _ARTICLES, _NUMBERS, _EYEWEAR, _PREPOSITIONS = (
+    frozenset(text.split())
+    for text in (_KEEP_IE_TEXT, _INVARIANT_TEXT, _ARTICLES_TEXT, _NUMBERS_TEXT, _EYEWEAR_TEXT, _PREPOSITIONS_TEXT)
 )
-"""Plurals of words in -ie; words without a singular; what a label may begin with; what ends its head."""
+"""Plurals of words in -ie; words without a singular; what a label may begin with; what goes with the plural; whose
+`glasses` are worn, not drunk from; what ends the head of a phrase."""
 
 
 @lru_cache(maxsize=65536)
@@ -54,10 +62,15 @@ def lemmatize(label: str) -> str:
     words = re.sub(r"[^\w'&]+|_", " ", label.lower()).split()
     while len(words) > 1 and words[0] in _ARTICLES:
         words = words[1:]
-    if words:
-        head = head_index(words)
-        words[head] = singular(words[head])
-    return " ".join(words)
+    if not words:
+        return ""
+    head = head_index(words)
+    lemma = singular(words[head])
+    if words[head] == "glasses" and head and words[head - 1] not in _EYEWEAR:
+        lemma = "glass"
+    counted = head > 0 and lemma != words[head] and words[0] in _NUMBERS
+    words[head] = lemma
+    return " ".join(words[1:] if counted else words)
 
 
 def head_index(words: list[str]) -> int:

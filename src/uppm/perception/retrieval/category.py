@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-from uppm.core.categories import category_by_name, unified_categories
+from uppm.core.categories import category_by_name, plain_name, unified_categories
 from uppm.core.protocols import TextEncoder
 from uppm.core.types import Category
 from uppm.perception.labels.lemma import head_index, lemmatize
@@ -46,7 +46,7 @@ _LIVING_OR_MOVING = ("person", "animal", "vehicle")
 
 
 class PaperRetriever:
-    """c(o) = argmax_c cos(E(o), E(c)) over the categories' names as the table has them (paper equation 1)."""
+    """c(o) = argmax_c cos(E(o), E(c)) over the categories' names as one says them (paper equation 1)."""
 
     def __init__(self, encoder: TextEncoder | None = None) -> None:
         self._encoder = encoder if encoder is not None else LabelEmbeddings()
@@ -115,7 +115,7 @@ def lexicon() -> dict[str, int]:
     """Lemmatised name or term -> row of the category table."""
     found: dict[str, int] = {}
     for number, row in enumerate(prototypes()):
-        for text in (row.category.name, *row.terms):
+        for text in (row.category.name, plain_name(row.category.name), *row.terms):
             found.setdefault(lemmatize(text), number)
     return found
 
@@ -182,7 +182,7 @@ def catch_alls() -> tuple[str, ...]:
 
 @cache
 def _name_vectors() -> npt.NDArray[np.float32]:
-    return np.stack([shipped_embeddings()[category.name] for category in unified_categories()])
+    return np.stack([shipped_embeddings()[plain_name(category.name)] for category in unified_categories()])
 
 
 @cache

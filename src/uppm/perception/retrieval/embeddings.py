@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from uppm.core.categories import unified_categories
+from uppm.core.categories import plain_name, unified_categories
 from uppm.core.protocols import TextEncoder
 from uppm.perception.retrieval.prototypes import prototypes
 
@@ -65,8 +65,9 @@ class LabelEmbeddings:
 
 
 def shipped_texts() -> list[str]:
-    """What the shipped table must hold: category names as they are, and every term and gloss of the prototypes."""
-    texts = [category.name for category in unified_categories()]
+    """What the shipped table must hold: category names as they are and as said, and every term and gloss."""
+    names = [category.name for category in unified_categories()]
+    texts = [*names, *map(plain_name, names)]
     for row in prototypes():
         texts += [*row.terms, row.gloss]
     return list(dict.fromkeys(texts))
