@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 
 import cv2
-import numpy as np
 import pytest
 import trimesh
 import typer
@@ -67,7 +66,7 @@ def test_query(path: Path) -> None:
     assert found["results"][0]["id"] == 1
     assert set(found["results"][0]) == {"id", "category", "matched_label", "score", "probability", "center", "extent"}
     assert "cup" in run("query", path, "cup")
-    assert "nothing here matches" in run("query", path, "airplane")
+    assert "nothing here matches" in run("query", path, "airplane [/x]")
     assert not json.loads(run("query", path, "airplane", "--json"))["found"]
 
 
@@ -83,7 +82,7 @@ def test_export_all(path: Path, tmp_path: Path) -> None:
         image = cv2.imread(str(tmp_path / name))
         assert image is not None
         assert image.shape[1] == 1600
-        assert len(np.unique(image.reshape(-1, 3), axis=0)) > 100
+        assert image.std(axis=(0, 1)).min() > 3
 
 
 def test_export_of_nothing_and_of_no_map(path: Path, tmp_path: Path) -> None:

@@ -10,7 +10,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from uppm.map.panoptic_map import PanopticMap
+
+WIDE = 110
+"""Columns of a terminal from which on the table shows everything."""
 
 
 def info(
@@ -30,25 +35,40 @@ def info(
 def print_map(panoptic: PanopticMap) -> None:
     """The map's submaps as a table, and its report."""
     from rich.console import Console
-    from rich.table import Table
 
-    from uppm.core.types import SubmapKind
-
-    table = Table("id", "object", "category", "conf.", "labels", "center [m]", "size [m]", "voxel", "state")
-    for submap in sorted(panoptic.submaps, key=lambda s: (s.kind is not SubmapKind.OBJECT, s.id)):
-        if not submap.descriptor:
-            continue
-        d = submap.descriptor
-        labels = ", ".join(f"{record.text} {record.count}" for record in d.labels[:3])
-        name = d.labels[0].text if submap.kind is SubmapKind.OBJECT and d.labels else "-"
-        shape = (numbers(submap.center), numbers(submap.extent), f"{100 * submap.voxel_size:.0f} cm")
-        table.add_row(str(submap.id), name, d.category.name, f"{d.confidence:.2f}", labels, *shape, submap.state.value)
     console = Console()
-    console.print(table)
+    console.print(_table(panoptic, wide=console.width >= WIDE))
     console.print(f"{panoptic.report.frames} frames, {len(panoptic.objects)} objects, {len(panoptic.submaps)} submaps")
     for title, counts in (("frames skipped", panoptic.report.skipped), ("dropped", panoptic.report.dropped)):
         if counts:
             console.print(f"{title}: {_listed(counts)}")
+
+
+def _table(panoptic: PanopticMap, *, wide: bool) -> Table:
+    """Objects first; labels with their counts, voxel size and state where the terminal has room for them."""
+    from rich import box
+    from rich.markup import escape
+    from rich.table import Table
+
+    from uppm.core.types import SubmapKind
+
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for title in ("id", "object", "category", "conf.", "center, m", "size, m"):
+        table.add_column(title, no_wrap=title.endswith(", m"))
+    for title in ("voxel", "state", "labels") if wide else ():
+        table.add_column(title)
+    for submap in sorted(panoptic.submaps, key=lambda s: (s.kind is not SubmapKind.OBJECT, s.id)):
+        if not submap.descriptor:
+            continue
+        d = submap.descriptor
+        name = d.labels[0].text if submap.kind is SubmapKind.OBJECT and d.labels else "-"
+        row = [str(submap.id), name, d.category.name, f"{d.confidence:.2f}"]
+        row += [numbers(submap.center), numbers(submap.extent)]
+        if wide:
+            labels = ", ".join(f"{record.text} {record.count}" for record in d.labels[:3])
+            row += [f"{100 * submap.voxel_size:.0f} cm", submap.state.value, labels]
+        table.add_row(*map(escape, row))
+    return table
 
 
 def numbers(values: object) -> str:

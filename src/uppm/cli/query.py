@@ -30,7 +30,9 @@ def query(
 
 def print_result(result: QueryResult) -> None:
     """The answers as a table, or that there is none."""
+    from rich import box
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     from uppm.cli.info import numbers
@@ -40,12 +42,14 @@ def print_result(result: QueryResult) -> None:
         closest = (
             f"; closest: {result.closest[0].label} ({result.closest[0].probability:.0%})" if result.closest else ""
         )
-        console.print(f"{result.text!r}: nothing here matches{closest}")
+        console.print(escape(f"{result.text!r}: nothing here matches{closest}"))
         return
-    table = Table("id", "label", "category", "probability", "center [m]", "size [m]", title=f"{result.text!r}")
+    columns = ("id", "label", "category", "probability", "center, m", "size, m")
+    table = Table(*columns, title=escape(repr(result.text)), box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for answer in result.results:
         s = answer.submap
         category = s.descriptor.category.name if s.descriptor else "-"
         place = (numbers(s.center), numbers(s.extent))
-        table.add_row(str(s.id), answer.label, category, f"{answer.probability:.0%}", *place)
+        row = (str(s.id), answer.label, category, f"{answer.probability:.0%}", *place)
+        table.add_row(*map(escape, row))
     console.print(table)
