@@ -94,6 +94,7 @@ def test_another_scene(tmp_path: Path, sequence: Path) -> None:
 
 def test_missing_and_broken_files(tmp_path: Path, sequence: Path) -> None:
     assert "found no such file" in failure(tmp_path / "no.ply", "--ground-truth", sequence)
+    assert "found a folder" in failure(tmp_path, "--ground-truth", sequence)
     (tmp_path / "text.ply").write_text("hello\n")
     assert "text.ply: expected a mesh" in failure(tmp_path / "text.ply", "--ground-truth", sequence)
     (tmp_path / "map.xyzzy").write_text("hello\n")

@@ -15,7 +15,9 @@ def read_mesh(file: Path) -> Mesh:
     """A PLY, GLB, OBJ, STL or OFF file, metres; a point cloud has no faces. Raises `InputError` naming the file."""
     expected = "a mesh or point cloud (PLY, GLB, OBJ, STL, OFF)"
     if not file.is_file():
-        raise InputError(file, expected=expected, found="no such file", advice="check the path")
+        raise InputError(
+            file, expected=expected, found="a folder" if file.is_dir() else "no such file", advice="name a file"
+        )
     try:
         loaded = trimesh.load(file, process=False)
     except (ValueError, KeyError, IndexError, TypeError, NotImplementedError, OSError) as error:
