@@ -23,6 +23,10 @@ HEAD_BONUS = 0.1
 SOFTMAX_TEMPERATURE = 0.05
 MIN_PROBABILITY = 0.2
 """Below it no single category is good, and the supercategory answers."""
+MEASURES = frozenset(
+    ("pair", "stack", "pile", "heap", "bunch", "set", "piece", "slice", "row", "group", "lot", "couple")
+)
+"""What comes before `of` without being the thing."""
 
 _CATCH_ALL = {
     "furniture": "furniture-other",
@@ -144,8 +148,10 @@ def category_scores(
 def known_head(phrase: str) -> str | None:
     """The longest proper part of a noun phrase that ends in its head and is a term: 'tall red lamp' -> 'lamp'."""
     words = phrase.split()
+    while len(words) > 2 and words[0] in MEASURES and words[1] == "of":
+        words = words[2:]
     end = head_index(words) + 1 if words else 0
-    endings = (" ".join(words[start:end]) for start in range(end))
+    endings = (lemmatize(" ".join(words[start:end])) for start in range(end))
     return next((ending for ending in endings if ending != phrase and ending in lexicon()), None)
 
 
