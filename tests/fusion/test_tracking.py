@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from uppm.fusion.tracking import NEW, assign, iou_matrix, join_contained, least_iou
+from uppm.core.categories import category_by_name, unified_categories
+from uppm.fusion.tracking import NEW, CategoryPolicy, assign, covered_together, iou_matrix, join_contained
 
 
 def test_iou_counts_pixels_with_depth() -> None:
@@ -24,14 +25,27 @@ def test_below_the_least_iou_is_new() -> None:
     np.testing.assert_array_equal(assign(np.empty((0, 2)), np.empty((0, 2))), [NEW, NEW])
 
 
-def test_less_agreement_asks_for_more_iou() -> None:
-    similarity = np.array([[1, 0.75, 0.2], [0.75, 1, 0.2], [0.2, 0.2, 1]], dtype=np.float32)
-    submaps, segments = np.array([0]), np.array([0, 1, 2])
-    compatible = least_iou(submaps, segments, similarity, "compatible", 0.1, 0.5)
-    np.testing.assert_allclose(compatible[0, :2], [0.1, 0.1 + 0.5 * 0.5])
-    assert np.isinf(compatible[0, 2])
-    assert np.isinf(least_iou(submaps, segments, similarity, "same", 0.1, 0.5)[0, 1:]).all()
-    np.testing.assert_allclose(least_iou(submaps, segments, similarity, "any", 0.1, 0.5), [[0.1, 0.1, 0.1]])
+def test_less_agreement_asks_for_more_overlap() -> None:
+    ids = [category_by_name()[name].id for name in ("chair", "couch", "clouds")]
+    similarity = np.eye(171, dtype=np.float32)
+    rows = [n for n, c in enumerate(unified_categories()) if c.id in ids[:2]]
+    similarity[rows[0], rows[1]] = similarity[rows[1], rows[0]] = 0.75
+    least = CategoryPolicy("compatible", 0.5, similarity).least_overlap(ids[:1], ids, 0.1)
+    np.testing.assert_allclose(least[0, :2], [0.1, 0.1 + 0.5 * 0.5])
+    assert np.isinf(least[0, 2])
+    same = CategoryPolicy("same", 0.5, similarity).least_overlap(ids[:1], ids, 0.1)
+    np.testing.assert_array_equal(np.isinf(same), [[False, True, True]])
+    np.testing.assert_allclose(CategoryPolicy("any", 0.5, similarity).least_overlap(ids[:1], ids, 0.1), [[0.1] * 3])
+
+
+def test_one_segment_over_two_submaps_is_noticed() -> None:
+    # Rows: the target, a duplicate, a sliver, one half outside, one with its own segment.
+    overlap = np.array([[0, 500, 0], [20, 300, 0], [0, 90, 0], [300, 300, 0], [0, 0, 400]])
+    observed, allowed = np.array([800, 400]), np.ones((5, 2), dtype=np.bool_)
+    targets = np.array([0, 4])
+    assert covered_together(targets, overlap, observed, allowed) == [(0, 1)]
+    allowed[1] = False
+    assert covered_together(targets, overlap, observed, allowed) == []
 
 
 def test_a_part_joins_the_whole_that_it_lies_on() -> None:

@@ -75,8 +75,8 @@ class Fused:
         out = ~touched & ~(np.abs(before["distance"]) == 32767).all(axis=(1, 2, 3))
         free = expected["distance"][out] == 32767
         same = (expected["weight"] == before["weight"])[out] | free
-        print("SAME", same.mean() if out.any() else None)
-        assert same.mean() > 0.9 if out.any() else True
+        # Rays that meet a surface at a slant reach a little further behind it than the list looks.
+        assert not out.any() or same.mean() > 0.99
 
 
 @pytest.fixture(scope="module")

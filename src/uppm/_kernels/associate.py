@@ -7,6 +7,7 @@ import numpy as np
 
 from uppm._kernels.camera import PARTS, TILE
 from uppm._kernels.hashing import NONE, find_block
+from uppm._kernels.integrate import belongs
 
 SIDE = 8
 FULL = np.float32(32767.0)
@@ -65,7 +66,7 @@ def count_overlap(
                                 continue
                             if abs(np.int32(distance[block, i, j, k])) > one_voxel:
                                 continue
-                            if belonging[block, i, j, k, 0] >= belonging[block, i, j, k, 1]:
+                            if belongs(belonging[block, i, j, k]):
                                 counts[part, row, ids[v, u]] += 1
 
 
@@ -94,7 +95,7 @@ def count_expected(
                     for k in range(SIDE):
                         if weight[block, i, j, k] <= np.float32(0.0) or abs(np.int32(distance[block, i, j, k])) > limit:
                             continue
-                        if belonging[block, i, j, k, 0] < belonging[block, i, j, k, 1]:
+                        if not belongs(belonging[block, i, j, k]):
                             continue
                         a = (np.float32(block_coord[block, 0] * SIDE + i) + half) * size
                         b = (np.float32(block_coord[block, 1] * SIDE + j) + half) * size

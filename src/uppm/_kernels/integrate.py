@@ -9,6 +9,7 @@ SIDE = 8
 FULL = np.float32(32767.0)
 """Fixed point of the distance: +-truncation is +-32767."""
 BEHIND = np.float32(2.0)
+"""Truncation distances along the ray at which a surface, however it is met, hides what is behind it."""
 MIN_Z = np.float32(0.05)
 COLOR_MEMORY = np.float32(31.0)
 """The colour is a mean over at most about so many frames: 8-bit means stop moving beyond."""
@@ -39,6 +40,12 @@ def count_belonging(belonging, mine):
 
 
 @nb.njit(inline="always")
+def belongs(belonging):
+    """Whether a voxel's surface is the submap's: seen so at least once, and as often as another's."""
+    return belonging[0] > 0 and belonging[0] >= belonging[1]
+
+
+@nb.njit(inline="always")
 def mix_color(color, seen, gain):
     """Move a colour (3,) towards the one seen; 8 bits, rounded."""
     for q in range(3):
@@ -53,7 +60,7 @@ def holds_surface(distance, weight, belonging, limit):
         for j in range(SIDE):
             for k in range(SIDE):
                 near = weight[i, j, k] > np.float32(0.0) and abs(np.int32(distance[i, j, k])) <= limit
-                if near and belonging[i, j, k, 0] >= belonging[i, j, k, 1]:
+                if near and belongs(belonging[i, j, k]):
                     return True
     return False
 
@@ -85,10 +92,29 @@ def project_slab(a, coord, R, t, size, camera, u, v, inverse, far):
             far[n] = np.sqrt(x * x + y * y + z * z)
 
 
+@nb.njit(inline="always")
+def signed_distance(range_image, cosine, u, v, column, row, far, band, max_step):
+    """Distance of a voxel in front of the measured surface; band where more, below -band where not to be updated.
+
+    far: the voxel's distance from the camera. Interpolation moves the range by at most max_step, so that most voxels
+    are decided by the nearest pixel.
+    """
+    nearest, incidence = range_image[row, column], cosine[row >> 1, column >> 1]
+    reach = band / incidence + max_step
+    if nearest <= np.float32(0.0) or nearest - far < -reach:
+        return np.float32(-2.0) * band
+    if nearest - far > reach:
+        return band
+    along = sample_range(range_image, u, v, column, row, max_step) - far
+    if along < -BEHIND * band:
+        return np.float32(-2.0) * band
+    return min(along * incidence, band)
+
+
 @nb.njit(cache=True, parallel=True, fastmath=True)
 def integrate(
-    blocks, range_image, cosine, slot_image, color_image, camera, max_step, max_weight, freespace_slot, rest_slot,
-    rotations, translations, voxel_sizes, truncations,
+    blocks, range_image, cosine, slot_image, color_image, camera, max_step, max_weight,
+    freespace_slot, rest_slot, observed, rotations, translations, voxel_sizes, truncations,
     block_coord, block_slot, distance, weight, color, belonging, has_surface, dirty,
 ):  # fmt: skip
     """Update every voxel of blocks (N,) that projects to a valid pixel and is not behind the truncation band.
@@ -96,7 +122,7 @@ def integrate(
     range_image (H, W) along the ray; cosine (H/2, W/2) between ray and surface: the distance along the ray times it is
     that along the surface's normal, which all views of a surface agree on (all ones: along the ray). slot_image (H, W):
     the submap slot of each pixel (-1: none; rest_slot: unlabeled), color_image (H, W, 3), camera (fx, fy, cx, cy).
-    rotations, translations: T_camera_submap of each slot.
+    observed (slots,): objects with a segment in this frame. rotations, translations: T_camera_submap of each slot.
     distance (M, 8, 8, 8) int16, weight (M, 8, 8, 8) float32, color (M, 8, 8, 8, 3) and belonging (M, 8, 8, 8, 2)
     uint8, has_surface (M,) and dirty (M,) bool of the pool are written. Colour is kept within a voxel of the surface,
     where a mesh can need it.
@@ -123,18 +149,9 @@ def integrate(
                 if not (u[n] >= zero and v[n] >= zero and u[n] <= right and v[n] <= bottom and inv_z > zero):
                     continue
                 column, row = int(u[n] + np.float32(0.5)), int(v[n] + np.float32(0.5))
-                nearest, incidence = range_image[row, column], cosine[row >> 1, column >> 1]
-                # Interpolation moves the range by at most max_step, so most voxels are decided by the nearest pixel.
-                reach = band / incidence + max_step
-                if nearest <= zero or nearest - far[n] < -reach:
+                sdf = signed_distance(range_image, cosine, u[n], v[n], column, row, far[n], band, max_step)
+                if sdf < -band:
                     continue
-                if nearest - far[n] > reach:
-                    sdf = band
-                else:
-                    along = sample_range(range_image, u[n], v[n], column, row, max_step) - far[n]
-                    sdf = along * incidence
-                    if sdf < -band or along < -BEHIND * band:
-                        continue
                 w = area * inv_z * inv_z * inv_z * inv_z
                 if sdf < -size:
                     w *= (sdf + band) * drop
@@ -147,14 +164,15 @@ def integrate(
                 gain = w / total
                 in_band = sdf < band
                 old = np.float32(distance[block, i, j, k]) * scale
-                new = old + (min(sdf, band) - old) * gain
+                new = old + (sdf - old) * gain
                 distance[block, i, j, k] = np.int16(np.rint(new * inv_scale))
                 weight[block, i, j, k] = min(total, max_weight)
                 if not in_band or slot == freespace_slot:
                     continue
                 seen = slot_image[row, column]
-                # A pixel without a label says nothing of whose surface it shows, but to the rest.
-                unknown = seen < 0 or (seen == rest_slot and slot != rest_slot)
+                # A pixel without a label says nothing of whose surface it shows, but to the rest, and to an object of
+                # which this frame has a segment that leaves the pixel out.
+                unknown = (seen < 0 or (seen == rest_slot and slot != rest_slot)) and not observed[slot]
                 if not unknown:
                     count_belonging(belonging[block, i, j, k], seen == slot)
                 if (seen == slot or unknown) and sdf <= size and sdf >= -size:

@@ -9,6 +9,7 @@ SIDE = 8
 FULL = 32767.0
 MIN_Z = 0.05
 COLOR_MEMORY = 31.0
+BEHIND = 2.0
 
 Array = npt.NDArray
 Camera = tuple[float, float, float, float]
@@ -112,8 +113,9 @@ def integrate(
     at = np.nonzero(seen)
     measured = sample_range(images["range"], u[at], v[at], max_step)
     incidence = images["cosine"][(v[at] + 0.5).astype(int) // 2, (u[at] + 0.5).astype(int) // 2]
-    sdf = (measured - np.linalg.norm(p[at], axis=-1)) * incidence
-    keep = (measured > 0) & (sdf >= -band)
+    along = measured - np.linalg.norm(p[at], axis=-1)
+    sdf = along * incidence
+    keep = (measured > 0) & (sdf >= -band) & (along >= -BEHIND * band)
     at, sdf = tuple(axis[keep] for axis in at), sdf[keep]
     w = fx * fy * (size / z[at]) ** 2 / z[at] ** 2
     w = np.where(sdf < -size, w * (sdf + band) / (band - size), w)
@@ -151,7 +153,8 @@ def _update(voxels, images, at, sdf, w, u, v, size, band, slot, max_weight) -> d
 def on_surface(voxels: dict[str, Array], limit: float) -> Array:
     """Which voxels were observed, belong, and lie at most `limit` (fixed point) from the surface."""
     near = np.abs(voxels["distance"].astype(np.int32)) <= int(limit)
-    return (voxels["weight"] > 0) & near & (voxels["belonging"][..., 0] >= voxels["belonging"][..., 1])
+    belongs = (voxels["belonging"][..., 0] > 0) & (voxels["belonging"][..., 0] >= voxels["belonging"][..., 1])
+    return (voxels["weight"] > 0) & near & belongs
 
 
 def count_overlap(

@@ -1,4 +1,4 @@
-"""Facts about a submap's surface voxels: where they lie, and how many lie on another submap's surface."""
+"""A submap's surface voxels: where they lie, and giving them up."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numba as nb
 import numpy as np
 
 from uppm._kernels.hashing import NONE, find_block
+from uppm._kernels.integrate import belongs
 
 SIDE = 8
 FULL = 32767.0
@@ -14,7 +15,7 @@ FULL = 32767.0
 @nb.njit(inline="always")
 def on_surface(distance, weight, belonging, limit):
     """Whether a voxel was observed, belongs, and lies at most `limit` (fixed point) from the surface."""
-    return weight > 0 and abs(np.int32(distance)) <= limit and belonging[0] >= belonging[1]
+    return weight > 0 and abs(np.int32(distance)) <= limit and belongs(belonging)
 
 
 @nb.njit(cache=True)
@@ -35,22 +36,6 @@ def surface_points(blocks, block_coord, distance, weight, belonging, limit, size
                             out[count, 1] = (block_coord[b, 1] * SIDE + j + 0.5) * size
                             out[count, 2] = (block_coord[b, 2] * SIDE + k + 0.5) * size
                         count += 1
-    return count
-
-
-@nb.njit(cache=True)
-def count_on_surface(points, slot, keys, values, chunk_blocks, distance, weight, belonging, limit, size):
-    """How many of the points (N, 3), frame of the submap in `slot`, lie in surface voxels of it."""
-    count = 0
-    for n in range(points.shape[0]):
-        x = int(np.floor(points[n, 0] / size))
-        y = int(np.floor(points[n, 1] / size))
-        z = int(np.floor(points[n, 2] / size))
-        b = find_block(keys, values, chunk_blocks, slot, x >> 3, y >> 3, z >> 3)
-        if b != NONE:
-            i, j, k = x & 7, y & 7, z & 7
-            if on_surface(distance[b, i, j, k], weight[b, i, j, k], belonging[b, i, j, k], limit):
-                count += 1
     return count
 
 

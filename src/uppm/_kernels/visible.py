@@ -18,13 +18,14 @@ MAX_CANDIDATES = 48
 def visible_blocks(
     slots, head, chunk_next, chunk_coord, chunk_blocks, block_coord, has_surface,
     rotations, translations, voxel_sizes, truncations, camera, shape, depth_max, tile_min, tile_max,
-    out, tile_slots, tile_count,
+    freespace_slot, out, tile_slots, tile_count,
 ):  # fmt: skip
     """Write the pool indices of the blocks that this frame's rays can update to `out`; return their number.
 
     slots (S,): submaps to look at; head[slot]: a submap's first chunk, chunk_next: the next of the same submap.
     rotations (slot, 3, 3), translations (slot, 3): T_camera_submap. A block counts where its bounding sphere is in the
-    frustum and not wholly behind the surface; wholly in front of it only where it holds a surface to carve.
+    frustum and not wholly behind the surface; wholly in front of it only where it holds a
+    surface to carve, or is freespace.
     tile_slots (rows, columns, MAX_CANDIDATES), tile_count (rows, columns): the submaps of which a block with a surface
     meets the tile's depth; written.
     """
@@ -50,7 +51,8 @@ def visible_blocks(
                     if not sphere_footprint(x, y, z, radius, camera, shape, box):
                         continue
                     surface = has_surface[block]
-                    if meets_depth(box, z, radius, band, tile_min, tile_max, surface):
+                    carve = surface or slot == freespace_slot
+                    if meets_depth(box, z, radius, band, tile_min, tile_max, carve):
                         out[count] = block
                         count += 1
                         if surface:
@@ -71,12 +73,12 @@ def center_in_camera(coord, side, R, t):
 
 
 @nb.njit(cache=True)
-def meets_depth(box, z, radius, band, tile_min, tile_max, surface):
+def meets_depth(box, z, radius, band, tile_min, tile_max, carve):
     """Whether some tile of a pixel box sees a sphere: not behind its greatest depth, nor before its least."""
     reach = radius + band
     for ty in range(box[1] // TILE, (box[3] - 1) // TILE + 1):
         for tx in range(box[0] // TILE, (box[2] - 1) // TILE + 1):
-            if z - reach <= tile_max[ty, tx] and (surface or z + reach >= tile_min[ty, tx]):
+            if z - reach <= tile_max[ty, tx] and (carve or z + reach >= tile_min[ty, tx]):
                 return True
     return False
 

@@ -95,7 +95,7 @@ class FusionConfig(Section):
     votes: Literal["weighted", "count"] = "weighted"
     """Votes for the category by score and distance, or one an observation."""
     confirm_evidence: float = Field(default=1.0, ge=0)
-    """Sum of detection scores at which a tentative submap is confirmed."""
+    """Sum of detection scores at which a tentative submap is confirmed, and which it must still have at the end."""
     min_expected: int = Field(default=20, ge=1)
     """Surface voxels that must be in view for a frame to count as a miss."""
     max_misses: int = Field(default=5, ge=1)
@@ -104,8 +104,12 @@ class FusionConfig(Section):
     """Confidence of a category at which its size prior is taken over."""
     resample_views: int = Field(default=4, ge=1)
     """Views before a submap is resampled for the first time."""
-    merge_overlap: float = Field(default=0.4, ge=0, le=1)
-    """Share of one submap's surface that lies on another's at which the two are merged."""
+    miss_penalty: float = Field(default=0.05, ge=0)
+    """Evidence that an object in view loses by a frame without a segment of it."""
+    merge_overlap: float = Field(default=0.5, ge=0, le=1)
+    """Share of one submap's surface that lies beside another's at which the two are merged."""
+    merge_frames: int = Field(default=3, ge=1)
+    """Frames in which one segment covers two submaps after which the two are merged."""
     min_surface: int = Field(default=12, ge=1)
     """Surface voxels that a submap must hold at the end."""
     max_blocks: int = Field(default=2_000_000, ge=1024)
@@ -147,6 +151,8 @@ class Config(Section):
             where = ".".join(str(part) for part in first["loc"])
             found = f"{first['input']!r} ({first['msg'].lower()})"
             advice = "see docs/configuration.md for the settings"
+            if first["type"] == "extra_forbidden":
+                raise ConfigError(source, expected="a setting", found=repr(where), advice=advice) from None
             raise ConfigError(source, expected=f"a valid {where!r}", found=found, advice=advice) from None
 
 
@@ -165,10 +171,20 @@ def _read_yaml(file: Path) -> dict[str, Any]:
 
 
 def _apply(data: dict[str, Any], override: str) -> None:
-    path, equals, value = override.partition("=")
-    if not equals:
-        raise ConfigError("--set", expected="section.name=value", found=repr(override), advice="write it so")
+    path, equals, text = override.partition("=")
     *sections, name = path.strip().split(".")
+    value, readable = None, bool(equals and name)
+    try:
+        value = yaml.safe_load(text)
+    except yaml.YAMLError:
+        readable = False
+    if not readable:
+        expected = "section.name=value, the value as in YAML"
+        raise ConfigError("--set", expected=expected, found=repr(override), advice="write it so")
     for section in sections:
-        data = data.setdefault(section, {})
-    data[name] = yaml.safe_load(value)
+        inner = data.setdefault(section, {})
+        if not isinstance(inner, dict):
+            found, advice = f"{inner!r} for {section!r}, which is a section", "give it settings, not a value"
+            raise ConfigError("configuration", expected="section.name=value", found=found, advice=advice)
+        data = inner  # pyright: ignore[reportUnknownVariableType]
+    data[name] = value

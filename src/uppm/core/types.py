@@ -255,6 +255,8 @@ class Submap:
     """Frames in which it should have been seen and was not, since the last view."""
     evidence: float
     """Accumulated detection score less negative evidence."""
+    companions: tuple[tuple[int, int], ...] = ()
+    """(id, frames) of submaps that one segment covered together with this one, so far without merging."""
     bounds: npt.NDArray[np.float64]
     """(2, 3): lowest and highest corner of the observed surface in frame map; NaN where there is none."""
 

@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from uppm._kernels.camera import PARTS, look_up, segment_pixels
 from uppm._kernels.hashing import NONE
-from uppm.core.categories import unified_categories
 from uppm.core.config import FusionConfig
 from uppm.core.geometry import transform
 from uppm.core.protocols import VoxelSource
@@ -46,6 +45,8 @@ class Tracks:
     """(segments,), pixels with valid depth."""
     depth: npt.NDArray[np.float64]
     """(segments,), mean depth, metres."""
+    least: npt.NDArray[np.float64]
+    """(submaps, segments), IoU asked for by the two categories; inf where they do not go together."""
 
 
 class PanopticFusion:
@@ -59,11 +60,11 @@ class PanopticFusion:
     """
 
     def __init__(self, config: FusionConfig, similarity: npt.NDArray[np.float32]) -> None:
-        self._config, self._similarity = config, similarity
+        self._config = config
+        self._policy = tracking.CategoryPolicy(config.category_policy, config.min_cosine, similarity)
         self._threads = min(config.threads, numba.get_num_threads())
         self._views = ViewFactory(config.depth_min, config.depth_max, along_normal=config.distance == "normal")
         self._volume = Volume(config.max_blocks, config.max_weight, config.interpolation_max_step)
-        self._row = {c.id: n for n, c in enumerate(unified_categories())}
         self._submaps: dict[int, LiveSubmap] = {}
         self._bounds: dict[int, npt.NDArray[np.float64]] = {}
         self._freespace: LiveSubmap | None = None
@@ -78,7 +79,7 @@ class PanopticFusion:
         view = self._views.view(frame)
         self._found_common(frame.index, bool(((segmentation.ids == 0) & (view.depth > 0)).any()))
         tracks = self._track(view, segmentation)
-        targets = self._associate(tracks, segmentation)
+        targets = self._associate(tracks)
         submaps = self._observe(frame, tracks, targets, segmentation)
         self._miss(view, tracks, submaps)
         rest = self._rest.slot if self._rest else NONE
@@ -89,8 +90,10 @@ class PanopticFusion:
         new = self._volume.allocate(view, slot_image)
         # A removed or resampled submap's blocks may have been handed out again as new ones: each once.
         blocks = np.unique(np.concatenate([self._integrable(tracks), new]))
-        self._volume.integrate(view, blocks, slot_image, rest)
+        seen = [s.slot for s in submaps if s and s.kind is SubmapKind.OBJECT]
+        self._volume.integrate(view, blocks, slot_image, rest, np.array(seen, dtype=np.int32))
         self._forget_bounds(blocks)
+        self._merge_companions(tracks, targets)
         return id_image
 
     def _found_common(self, frame: int, unlabeled: bool) -> None:
@@ -130,18 +133,20 @@ class PanopticFusion:
         n = len(segmentation.descriptors)
         overlap = self._volume.overlap(view, visible, slots, segmentation.ids, n)
         observed, depth = _measure(segmentation.ids, view.depth, n)
-        return Tracks(submaps=solid, blocks=visible.blocks, overlap=overlap, observed=observed, depth=depth)
+        least = self._policy.least_overlap(
+            [s.category_id for s in solid], [d.category.id for d in segmentation.descriptors], self._config.min_iou
+        )
+        return Tracks(
+            submaps=solid, blocks=visible.blocks, overlap=overlap, observed=observed, depth=depth, least=least
+        )
 
-    def _associate(self, tracks: Tracks, segmentation: DescribedSegmentation) -> npt.NDArray[np.intp]:
+    def _associate(self, tracks: Tracks) -> npt.NDArray[np.intp]:
         """Row in `tracks.submaps` of each segment, or NEW (paper equation 4)."""
         c = self._config
-        of_submaps = np.array([self._row[s.category_id] for s in tracks.submaps], dtype=np.intp)
-        of_segments = np.array([self._row[d.category.id] for d in segmentation.descriptors], dtype=np.intp)
-        least = tracking.least_iou(
-            of_submaps, of_segments, self._similarity, c.category_policy, c.min_iou, c.min_cosine
+        targets = tracking.assign(tracking.iou_matrix(tracks.overlap, tracks.observed), tracks.least)
+        return tracking.join_contained(
+            targets, tracks.overlap, tracks.observed, np.isfinite(tracks.least), c.min_containment
         )
-        targets = tracking.assign(tracking.iou_matrix(tracks.overlap, tracks.observed), least)
-        return tracking.join_contained(targets, tracks.overlap, tracks.observed, np.isfinite(least), c.min_containment)
 
     def _observe(
         self, frame: Frame, tracks: Tracks, targets: npt.NDArray[np.intp], segmentation: DescribedSegmentation
@@ -193,6 +198,25 @@ class PanopticFusion:
                 self.dropped["tentative submap not seen again"] += 1
                 self.remove(submap.id)
 
+    def _merge_companions(self, tracks: Tracks, targets: npt.NDArray[np.intp]) -> None:
+        """Merge submaps that one segment covered together often enough."""
+        allowed = np.isfinite(tracks.least)
+        for a, b in tracking.covered_together(targets, tracks.overlap, tracks.observed, allowed):
+            pair = [self._submaps.get(tracks.submaps[row].id) for row in (a, b)]
+            if pair[0] is None or pair[1] is None:
+                continue
+            kept, other = merging.older(pair[0], pair[1])
+            kept.companions[other.id] = kept.companions.get(other.id, 0) + 1
+            if kept.companions[other.id] >= self._config.merge_frames:
+                self._merge(kept, other)
+
+    def _merge(self, kept: LiveSubmap, other: LiveSubmap) -> None:
+        merging.merge(kept, other, self._volume)
+        del self._submaps[other.id]
+        for submap_id in (kept.id, other.id):
+            self._bounds.pop(submap_id, None)
+        self.dropped["duplicate submap merged"] += 1
+
     def _integrable(self, tracks: Tracks) -> npt.NDArray[np.int32]:
         """The visible blocks of submaps that still exist and are not inactive."""
         p = self._volume.pool
@@ -214,11 +238,12 @@ class PanopticFusion:
     def finish(self) -> None:
         """End the session: drop what was never confirmed or lost its surface, merge duplicates, return empty blocks."""
         for submap in list(self._submaps.values()):
-            if submap.state is SubmapState.TENTATIVE:
-                self.dropped["tentative submap at the end"] += 1
+            if submap.descriptor and not lifecycle.believed(submap, self._config):
+                self.dropped["submap with too little evidence at the end"] += 1
                 self.remove(submap.id)
         self._yield_unlabeled()
-        merging.merge_duplicates(self._submaps, self._volume, self._similarity, self._row, self._config, self.dropped)
+        for kept, other in merging.find_duplicates(self._submaps, self._volume, self._policy, self._config):
+            self._merge(kept, other)
         for submap in list(self._submaps.values()):
             if submap.kind is SubmapKind.FREESPACE:
                 continue

@@ -28,13 +28,17 @@ def missed(submap: LiveSubmap, measured: int, seen_through: int, config: FusionC
     if measured + seen_through < config.min_expected:
         return False
     submap.misses += 1
-    if seen_through > measured:
-        submap.evidence -= 1.0
+    submap.evidence -= 1.0 if seen_through > measured else config.miss_penalty
     if submap.state is SubmapState.TENTATIVE:
         return submap.misses > config.max_misses or submap.evidence < 0
     if submap.misses > config.max_misses:
         submap.state = SubmapState.INACTIVE
     return False
+
+
+def believed(submap: LiveSubmap, config: FusionConfig) -> bool:
+    """Whether the evidence for a submap, less what spoke against it, is enough at the end."""
+    return submap.state is not SubmapState.TENTATIVE and submap.evidence >= config.confirm_evidence
 
 
 def vote_weight(score: float, depth: float, config: FusionConfig) -> float:

@@ -26,6 +26,7 @@ class LiveSubmap:
     views: int = 0
     misses: int = 0
     evidence: float = 0.0
+    companions: dict[int, int] = field(default_factory=dict)
     T_map_submap: npt.NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
 
     @property
@@ -48,6 +49,7 @@ class LiveSubmap:
             views=self.views,
             misses=self.misses,
             evidence=self.evidence,
+            companions=tuple(sorted(self.companions.items())),
             bounds=bounds,
         )
 
@@ -67,5 +69,6 @@ class LiveSubmap:
             views=record.views,
             misses=record.misses,
             evidence=record.evidence,
+            companions=dict(record.companions),
             T_map_submap=record.T_map_submap.copy(),
         )

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
+
+from uppm.core.categories import unified_categories
 
 NEW = -1
 """Target of a segment that no submap accounts for."""
@@ -24,28 +28,38 @@ def iou_matrix(overlap: npt.NDArray[np.int64], observed: npt.NDArray[np.int64]) 
     return inter / np.maximum(union, 1)
 
 
-def least_iou(
-    submap_categories: npt.NDArray[np.intp],
-    segment_categories: npt.NDArray[np.intp],
-    similarity: npt.NDArray[np.float32],
-    policy: str,
-    min_iou: float,
-    min_cosine: float,
-) -> npt.NDArray[np.float64]:
-    """Least IoU (S, E) at which a submap takes a segment; above 1 where it never does.
+COVERED, COVERING = 0.8, 0.2
+"""Share of a rendered submap within a segment, and of the segment that it fills, for the segment to cover it."""
 
-    Categories are rows of `similarity` (C, C), the cosines of their embeddings. The same category asks for `min_iou`.
-    Policy `same` refuses any other; `any` treats all alike; `compatible` refuses a cosine below `min_cosine` and asks
-    for more IoU the less the two agree: up to 0.5 more at `min_cosine`.
+
+class CategoryPolicy:
+    """Which categories go together, and how much more two of them must overlap than one and the same.
+
+    Parameters
+    ----------
+    policy : {"same", "compatible", "any"}
+        `same` refuses any other category; `any` treats all alike; `compatible` refuses a cosine below `min_cosine` and
+        asks for more overlap the less the two agree: up to 0.5 more at `min_cosine`.
+    min_cosine : float
+    similarity : (C, C) float32
+        Cosine of the embeddings of each two unified categories, in the order of the category table.
     """
-    same = submap_categories[:, None] == segment_categories[None, :]
-    if policy == "any":
-        return np.full(same.shape, min_iou)
-    if policy == "same":
-        return np.where(same, min_iou, np.inf)
-    cosine = similarity[submap_categories[:, None], segment_categories[None, :]].astype(np.float64)
-    asked = min_iou + 0.5 * (1.0 - cosine) / (1.0 - min_cosine)
-    return np.where(same, min_iou, np.where(cosine >= min_cosine, asked, np.inf))
+
+    def __init__(self, policy: str, min_cosine: float, similarity: npt.NDArray[np.float32]) -> None:
+        self._policy, self._min_cosine, self._similarity = policy, min_cosine, similarity
+        self._row = {category.id: n for n, category in enumerate(unified_categories())}
+
+    def least_overlap(self, first: Sequence[int], second: Sequence[int], base: float) -> npt.NDArray[np.float64]:
+        """Least overlap (N, M) at which a category id of `first` goes with one of `second`; inf where it never does."""
+        a = np.array([self._row[c] for c in first], dtype=np.intp)[:, None]
+        b = np.array([self._row[c] for c in second], dtype=np.intp)[None, :]
+        if self._policy == "any":
+            return np.full((len(first), len(second)), base)
+        if self._policy == "same":
+            return np.where(a == b, base, np.inf)
+        cosine = self._similarity[a, b].astype(np.float64)
+        asked = base + 0.5 * (1.0 - cosine) / (1.0 - self._min_cosine)
+        return np.where(a == b, base, np.where(cosine >= self._min_cosine, asked, np.inf))
 
 
 def assign(iou: npt.NDArray[np.float64], least: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
@@ -78,3 +92,26 @@ def join_contained(
     best = share.argmax(axis=0)
     joins = (targets == NEW) & (share[best, np.arange(len(targets))] >= min_share)
     return np.where(joins, best, targets)
+
+
+def covered_together(
+    targets: npt.NDArray[np.intp],
+    overlap: npt.NDArray[np.int64],
+    observed: npt.NDArray[np.int64],
+    allowed: npt.NDArray[np.bool_],
+) -> list[tuple[int, int]]:
+    """Pairs of submaps (rows) that one segment covers: its target, and another that no segment went to.
+
+    The other is rendered almost wholly within the segment and fills a part of it; a sliver may be the far side of a
+    thin wall. Arguments as for `join_contained`.
+    """
+    rendered = np.maximum(overlap.sum(axis=1, keepdims=True), MIN_JOIN_PIXELS)
+    covered = allowed & (overlap[:, 1:] >= COVERED * rendered) & (overlap[:, 1:] >= COVERING * observed[None, :])
+    taken = set(targets.tolist())
+    return [
+        (int(target), int(row))
+        for segment, target in enumerate(targets)
+        if target != NEW
+        for row in np.flatnonzero(covered[:, segment])
+        if row not in taken
+    ]

@@ -12,7 +12,7 @@ from uppm._kernels import associate as _associate
 from uppm._kernels.camera import PARTS
 from uppm._kernels.hashing import BLOCKS_PER_CHUNK, NONE, SLOT_LIMIT
 from uppm._kernels.integrate import holds_surface, integrate
-from uppm._kernels.surface import FULL, count_on_surface, disown, surface_points
+from uppm._kernels.surface import FULL, disown, surface_points
 from uppm._kernels.visible import MAX_CANDIDATES, visible_blocks
 from uppm.core.errors import UppmError
 from uppm.core.geometry import invert, transform
@@ -21,6 +21,7 @@ from uppm.fusion.pool import BlockPool
 from uppm.fusion.view import View
 
 Indices = npt.NDArray[np.int32]
+NO_SLOTS = np.empty(0, dtype=np.int32)
 FREESPACE_RAY_STRIDE = 8
 """Pixels between the rays that allocate freespace: at 5 m under 10 cm apart, far less than a 2.4 m block."""
 
@@ -88,7 +89,7 @@ class Volume:
         n = visible_blocks(
             slots, self._head, p.chunk_next, p.chunk_coord, p.chunk_blocks, p.block_coord, p.has_surface,
             R, t, self._voxel_size, self._truncation, view.camera, view.shape, view.depth_max,
-            view.tile_min, view.tile_max, out, tile_slots, tile_count,
+            view.tile_min, view.tile_max, self._freespace, out, tile_slots, tile_count,
         )  # fmt: skip
         return Visible(blocks=out[:n], tile_slots=tile_slots, tile_count=tile_count)
 
@@ -158,16 +159,26 @@ class Volume:
         p.has_surface[new], p.dirty[new] = False, True
         return new
 
-    def integrate(self, view: View, blocks: Indices, slot_image: npt.NDArray[np.int32], rest: int = NONE) -> None:
+    def integrate(
+        self,
+        view: View,
+        blocks: Indices,
+        slot_image: npt.NDArray[np.int32],
+        rest: int = NONE,
+        objects: Indices = NO_SLOTS,
+    ) -> None:
         """Update the voxels of these blocks with the view.
 
-        slot_image (H, W): each pixel's submap slot, or -1; rest: the slot that takes pixels without a label.
+        slot_image (H, W): each pixel's submap slot, or -1; rest: the slot that takes pixels without a label; objects:
+        slots of the objects that have a segment in this frame.
         """
+        observed = np.zeros(len(self._head), dtype=np.bool_)
+        observed[objects] = True
         p, (R, t) = self.pool, self._T_camera_submap(view)
         max_step, max_weight = self._limits
         integrate(
             blocks, view.range_image, view.cosine, slot_image, view.color, view.camera,
-            max_step, max_weight, self._freespace, rest, R, t, self._voxel_size, self._truncation,
+            max_step, max_weight, self._freespace, rest, observed, R, t, self._voxel_size, self._truncation,
             p.block_coord, p.block_slot, p.distance, p.weight, p.color, p.belonging, p.has_surface, p.dirty,
         )  # fmt: skip
 
@@ -197,15 +208,6 @@ class Volume:
             out = np.empty((n, 3))
             surface_points(*arrays, float(self._voxel_size[slot]), out)
         return out[:n]
-
-    def share_on_surface(self, points: npt.NDArray[np.float64], slot: int) -> float:
-        """Share of points (N, 3), frame map, that lie within a voxel of a submap's own surface."""
-        p, local = self.pool, transform(invert(self._T_map_submap[slot]), points)
-        count = count_on_surface(
-            local, slot, p.keys, p.values, p.chunk_blocks, p.distance, p.weight, p.belonging,
-            self._limit(slot, 1.0), float(self._voxel_size[slot]),
-        )  # fmt: skip
-        return count / max(1, len(points))
 
     def disown(self, slot: int, points: npt.NDArray[np.float64]) -> None:
         """Let a submap's surface at and around points (N, 3), frame map, belong to another."""

@@ -43,7 +43,8 @@ def submap_row(s: Submap) -> Row:
     d = s.descriptor
     described = (d.category.id, d.confidence) if d else (None, None)
     shape = (s.voxel_size, s.truncation, pose_blob(s.T_map_submap))
-    history = (s.first_frame, s.last_frame, s.views, s.misses, s.evidence)
+    companions = ",".join(f"{other}:{frames}" for other, frames in s.companions)
+    history = (s.first_frame, s.last_frame, s.views, s.misses, s.evidence, companions)
     return s.id, s.kind.value, s.state.value, *described, *shape, *history, *s.bounds.ravel().tolist()
 
 
@@ -95,9 +96,8 @@ def read_labels(rows: Iterable[Row]) -> dict[int, list[LabelRecord]]:
 
 def read_submap(row: Row, categories: Mapping[int, Category], labels: Mapping[int, Sequence[LabelRecord]]) -> Submap:
     """A row of `submaps` with its category and labels."""
-    id_, kind, state, category, confidence, voxel_size, truncation, pose, first, last, views, misses, evidence = row[
-        :13
-    ]
+    id_, kind, state, category, confidence, voxel_size, truncation, pose, *history = row[:14]
+    first, last, views, misses, evidence, companions = history
     descriptor = None
     if category is not None:
         descriptor = DynamicDescriptor(
@@ -116,8 +116,14 @@ def read_submap(row: Row, categories: Mapping[int, Category], labels: Mapping[in
         views=views,
         misses=misses,
         evidence=evidence,
-        bounds=np.array(row[13:19], dtype=np.float64).reshape(2, 3),
+        companions=tuple(_pair(text) for text in companions.split(",") if text),
+        bounds=np.array(row[14:20], dtype=np.float64).reshape(2, 3),
     )
+
+
+def _pair(text: str) -> tuple[int, int]:
+    other, _, frames = text.partition(":")
+    return int(other), int(frames)
 
 
 def read_frame(row: Row) -> FrameRecord:

@@ -18,7 +18,7 @@ CREATE TABLE submaps (
     category INTEGER REFERENCES categories (id), confidence REAL,
     voxel_size REAL NOT NULL, truncation REAL NOT NULL, T_map_submap BLOB NOT NULL,
     first_frame INTEGER NOT NULL, last_frame INTEGER NOT NULL,
-    views INTEGER NOT NULL, misses INTEGER NOT NULL, evidence REAL NOT NULL,
+    views INTEGER NOT NULL, misses INTEGER NOT NULL, evidence REAL NOT NULL, companions TEXT NOT NULL,
     min_x REAL, min_y REAL, min_z REAL, max_x REAL, max_y REAL, max_z REAL);
 CREATE TABLE labels (
     submap INTEGER NOT NULL REFERENCES submaps (id) ON DELETE CASCADE, position INTEGER NOT NULL,
