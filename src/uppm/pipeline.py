@@ -12,10 +12,11 @@ from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import ValidationError
 
 from uppm.core.categories import unified_categories
 from uppm.core.config import Config
-from uppm.core.errors import BadFrameError, InputError
+from uppm.core.errors import BadFrameError, ConfigError, InputError
 from uppm.core.protocols import FrameSource, FrameViewer, Labeler, Retriever, Segmenter, TextEncoder
 from uppm.core.types import Checkpoint, Frame, FrameRecord, Label, Report, Submap
 from uppm.datasets.registry import open_sequence
@@ -270,7 +271,7 @@ def _resumed(source: FrameSource, path: str | Path, viewer: FrameViewer | None) 
     """The mapper and writer of a map at its last checkpoint, and the position of the next frame."""
     saved = MapReader.open(path)
     _check_same(saved, source, path)
-    mapper, first = Mapper(saved_config(saved), viewer=viewer), len(saved.frames())
+    mapper, first = Mapper(saved_config(saved.meta), viewer=viewer), len(saved.frames())
     if first < len(source):
         mapper.prepare(spread_frames(source))
     mapper.restore(saved)
@@ -278,9 +279,14 @@ def _resumed(source: FrameSource, path: str | Path, viewer: FrameViewer | None) 
     return mapper, MapWriter.resume(path), first
 
 
-def saved_config(saved: MapReader) -> Config:
-    """The configuration that a map was made with."""
-    return Config.model_validate_json(saved.meta.config)
+def saved_config(meta: MapMeta) -> Config:
+    """The configuration that a map was made with; raises `ConfigError` where this version has other settings."""
+    try:
+        return Config.model_validate_json(meta.config)
+    except ValidationError as error:
+        found = f"{'.'.join(map(str, error.errors()[0]['loc']))}: {error.errors()[0]['msg'].lower()}"
+        expected, advice = "settings of this version of uppm", "go on with the version that began it, or map again"
+        raise ConfigError("the map's configuration", expected=expected, found=found, advice=advice) from None
 
 
 def _check_same(saved: MapReader, source: FrameSource, path: str | Path) -> None:

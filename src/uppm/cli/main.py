@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import sys
+from typing import Annotated
 
 import typer
 
 from uppm.cli.check import check
 from uppm.cli.demo import demo
 from uppm.cli.evaluate import evaluate_app
+from uppm.cli.evaluate_retrieval import evaluate_retrieval_command
 from uppm.cli.export import export
 from uppm.cli.info import info
 from uppm.cli.map import map_command
 from uppm.cli.query import query
 from uppm.core.errors import UppmError
 
-app = typer.Typer(
-    help="Unified promptable panoptic mapping: posed RGB-D in, a map that knows what things are out.",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    add_completion=False,
-)
+evaluate_app.command("retrieval")(evaluate_retrieval_command)
+app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False, add_completion=False)
 app.command("map")(map_command)
 app.command()(check)
 app.command()(info)
@@ -30,12 +28,28 @@ app.command()(demo)
 app.add_typer(evaluate_app, name="evaluate")
 
 
+def _version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"uppm {version('uppm')}")
+        raise typer.Exit
+
+
+@app.callback()
+def uppm(
+    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print it.")] = False,
+) -> None:
+    """Unified promptable panoptic mapping: posed RGB-D in, a map that knows what things are out."""
+
+
 def main() -> None:
     """Entry point: a `UppmError` is one line on standard error and exit code 2; a bug is a traceback and code 1."""
     try:
         app()
     except UppmError as error:
-        typer.echo(f"error: {error}", err=True)
+        # One line, whatever a library's message held that is quoted in it.
+        typer.echo(f"error: {' '.join(str(error).split())}", err=True)
         sys.exit(2)
 
 

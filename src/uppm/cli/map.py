@@ -42,7 +42,7 @@ def map_command(
 
     options = {
         "perception.profile": perception,
-        "perception.precomputed": precomputed,
+        "perception.precomputed": str(precomputed) if precomputed else None,
         "perception.up": up,
         "input.format": format,
         "input.stride": stride,
@@ -54,8 +54,10 @@ def map_command(
         "input.strict": strict,
         "map.checkpoint_every": checkpoint_every,
     }
-    given = [f"{key}={value}" for key, value in options.items() if value is not None]
+    given = [f"{key}={json.dumps(value, ensure_ascii=False)}" for key, value in options.items() if value is not None]
     settings = Config.load(config, [*(set_ or []), *given])
+    if resume:
+        settings = own_settings(output, settings, overwrite=overwrite)
     source = open_sequence(sequence, settings.input)
     if check and not resume:
         warn_or_stop(source, quiet=as_json)
@@ -64,6 +66,25 @@ def map_command(
         typer.echo(json.dumps({"map": str(output), **report_dict(report)}, indent=2))
     else:
         print_report(report, output)
+
+
+def own_settings(output: Path, asked: Config, *, overwrite: bool) -> Config:
+    """The settings of the map to go on with; those that were asked for may not contradict them."""
+    from uppm.core.errors import ConfigError
+    from uppm.pipeline import open_map, saved_config
+
+    if overwrite:
+        advice = "say which"
+        raise ConfigError("map", expected="one of --resume and --overwrite", found="both", advice=advice)
+    own = saved_config(open_map(output).meta)
+    for section in sorted(asked.model_fields_set):
+        mine, wanted = getattr(own, section), getattr(asked, section)
+        for name in sorted(wanted.model_fields_set):
+            ours, theirs = getattr(mine, name), getattr(wanted, name)
+            if ours != theirs:
+                expected = f"the map's own {section}.{name}, {ours}"
+                raise ConfigError(output, expected=expected, found=str(theirs), advice="drop it, or begin a new map")
+    return own
 
 
 def warn_or_stop(source: PosedSequence, *, quiet: bool) -> None:
@@ -85,9 +106,7 @@ def warn_or_stop(source: PosedSequence, *, quiet: bool) -> None:
         typer.echo(f"{source.name}: {len(source)} frames; neighbouring ones agree within {result.agreement_cm:.1f} cm")
 
 
-def run(
-    source: PosedSequence, output: Path, config: Config, *, resume: bool, overwrite: bool, quiet: bool
-) -> Report:
+def run(source: PosedSequence, output: Path, config: Config, *, resume: bool, overwrite: bool, quiet: bool) -> Report:
     """Map with a progress bar; says so when kernels are compiled first."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -95,9 +114,12 @@ def run(
     from uppm.pipeline import map_sequence
 
     console = Console(stderr=True, quiet=quiet)
-    console.print("[dim]The first run on a machine compiles its kernels, for about half a minute.[/dim]")
+    # Only for eyes: what is redirected from standard error holds warnings and errors alone.
+    shown = console.is_terminal and not quiet
+    if shown:
+        console.print("[dim]The first run on a machine compiles its kernels, for about half a minute.[/dim]")
     columns = TextColumn("mapping"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
-    with Progress(*columns, console=console, transient=True) as progress:
+    with Progress(*columns, console=console, transient=True, disable=not shown) as progress:
         task = progress.add_task("mapping", total=len(source))
 
         def show(done: int, total: int) -> None:
