@@ -204,7 +204,7 @@ MAPS: dict[str, Case] = {
         "found a truncated or damaged one",
     ),
     "truncated map resumed": (on_map(truncate, *RESUME), "found a truncated or damaged one"),
-    "newer map": (on_map(newer, *INFO), "expected map schema 1 or older, found schema 99; update uppm"),
+    "newer map": (on_map(newer, *INFO), "expected map schema [0-9]+ or older, found schema 99; update uppm"),
     "newer map resumed": (on_map(newer, *RESUME), "found schema 99; update uppm"),
     "query without words": (on_map(keep, "query", "{map}", ""), "expected"),
     "query of blanks": (on_map(keep, "query", "{map}", "  "), "expected"),
