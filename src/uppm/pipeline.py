@@ -250,6 +250,8 @@ def map_sequence(
         The file exists and neither option is given, or it cannot be written.
     BadFrameError
         A frame is bad and `config.input.strict`; otherwise bad frames are skipped and counted.
+    InputError
+        No frame can be used.
     """
     config = config or Config()
     if resume:
@@ -310,8 +312,12 @@ def _run(mapper: Mapper, source: FrameSource, first: int, writer: MapWriter, pro
                 raise
             mapper.skip(source.indices[position], error.found)
         progress(position + 1, total)
-        if (position + 1) % every == 0 and position + 1 < total:
+        if (position + 1) % every == 0 and position + 1 < total and mapper.report.frames:
             writer.checkpoint(mapper.checkpoint())
+    if not mapper.report.frames:
+        found = ", ".join(f"{count} with {reason}" for reason, count in mapper.report.skipped.items())
+        advice = "see what `uppm check` says of the sequence"
+        raise InputError(source.name, expected="frames that can be used", found=found, advice=advice)
     mapper.finish()
     # The last checkpoint follows `finish`, so that a map with all its frames is a finished one.
     writer.checkpoint(mapper.checkpoint())

@@ -103,7 +103,8 @@ def warn_or_stop(source: PosedSequence, *, quiet: bool) -> None:
             )
         typer.echo(f"warning: {finding}", err=True)
     if not quiet:
-        typer.echo(f"{source.name}: {len(source)} frames; neighbouring ones agree within {result.agreement_cm:.1f} cm")
+        agreement = f"; neighbouring ones agree within {result.agreement_cm:.1f} cm" if result.pairs else ""
+        typer.echo(f"{source.name}: {len(source)} frames{agreement}")
 
 
 def run(source: PosedSequence, output: Path, config: Config, *, resume: bool, overwrite: bool, quiet: bool) -> Report:
@@ -142,8 +143,8 @@ def report_dict(report: Report) -> dict[str, object]:
 
 def print_report(report: Report, output: Path) -> None:
     """The report for people."""
-    facts = report_dict(report)
-    typer.echo(f"{output}: {report.frames} frames, {facts['frames_per_second']} frames a second")
+    speed = report_dict(report)["frames_per_second"]
+    typer.echo(f"{output}: {report.frames} frames" + (f", {speed} frames a second" if speed else ""))
     for stage, seconds in report.seconds.items():
         typer.echo(f"  {stage:<12}{seconds:8.2f} s")
     for title, counts in (("skipped frames", report.skipped), ("dropped", report.dropped)):

@@ -62,11 +62,8 @@ class MapWriter:
             if staging.exists():
                 _settle(staging)
                 _database.remove(staging)
-            with _database.connection(staging, create=True) as db:
-                notes = {"config": config, **{_NOTE + key: value for key, value in provenance.items()}}
-                _database.new_map(db, notes)
-                _prepare(db)
-        return cls(db, path, staged=True, overwrite=overwrite)
+            notes = {"config": config, **{_NOTE + key: value for key, value in provenance.items()}}
+            return cls(_begun(staging, notes), path, staged=True, overwrite=overwrite)
 
     @classmethod
     def resume(cls, path: Path | str) -> MapWriter:
@@ -229,6 +226,20 @@ class MapReader:
 
 def _staging(path: Path) -> Path:
     return path.with_name(path.name + ".new")
+
+
+def _begun(staging: Path, notes: Mapping[str, str]) -> sqlite3.Connection:
+    """An empty map; where there is no room even for that, nothing is left of it."""
+    try:
+        with _database.connection(staging, create=True) as db:
+            _database.new_map(db, notes)
+            _prepare(db)
+            return db
+    except sqlite3.OperationalError as error:
+        # Locked: it is another writer's.
+        if "locked" not in str(error):
+            _database.remove(staging)
+        raise
 
 
 def check_free(path: Path, overwrite: bool) -> None:
