@@ -20,7 +20,7 @@ def on_surface(distance, weight, belonging, limit):
 
 @nb.njit(cache=True)
 def surface_points(blocks, block_coord, distance, weight, belonging, limit, size, out):
-    """Write the centres (N, 3) of the surface voxels of one submap's blocks to `out`, frame submap, metres.
+    """Write the surface voxels of one submap's blocks to `out` (N, 4): centre in frame submap, metres, times seen so.
 
     Returns their number, which may exceed len(out): the rest is not written then.
     """
@@ -35,6 +35,7 @@ def surface_points(blocks, block_coord, distance, weight, belonging, limit, size
                             out[count, 0] = (block_coord[b, 0] * SIDE + i + 0.5) * size
                             out[count, 1] = (block_coord[b, 1] * SIDE + j + 0.5) * size
                             out[count, 2] = (block_coord[b, 2] * SIDE + k + 0.5) * size
+                            out[count, 3] = belonging[b, i, j, k, 0]
                         count += 1
     return count
 

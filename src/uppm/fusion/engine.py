@@ -24,6 +24,7 @@ from uppm.core.types import (
     VoxelBlocks,
 )
 from uppm.fusion import descriptors, lifecycle, merging, tracking
+from uppm.fusion.cleaning import stray_parts
 from uppm.fusion.resampling import resample
 from uppm.fusion.submaps import LiveSubmap
 from uppm.fusion.view import View, ViewFactory
@@ -241,6 +242,7 @@ class PanopticFusion:
             if submap.descriptor and not lifecycle.believed(submap, self._config):
                 self.dropped["submap with too little evidence at the end"] += 1
                 self.remove(submap.id)
+        self._drop_stray_parts()
         self._yield_unlabeled()
         for kept, other in merging.find_duplicates(self._submaps, self._volume, self._policy, self._config):
             self._merge(kept, other)
@@ -253,6 +255,13 @@ class PanopticFusion:
             else:
                 self._volume.prune(submap.slot)
         self._bounds.clear()
+
+    def _drop_stray_parts(self) -> None:
+        for submap in self._submaps.values():
+            voxels = self._volume.surface_voxels(submap.slot)
+            if submap.kind is SubmapKind.OBJECT and len(voxels):
+                stray = stray_parts(voxels[:, :3], voxels[:, 3], submap.voxel_size)
+                self._volume.disown(submap.slot, transform(submap.T_map_submap, voxels[stray, :3]))
 
     def _yield_unlabeled(self) -> None:
         """What was labeled in some frames only is no part of the unlabeled background."""

@@ -22,8 +22,8 @@ MAX_POINTS = 4000
 NEAR = 1.5
 """Voxels within which two surfaces are one: duplicates take turns in owning a surface and never share a voxel."""
 
-SAME_BOX, IN_BOX = 0.5, 0.8
-"""IoU of two objects' boxes, and share of a background piece's box in another's, at which the two are one."""
+SAME_BOX, PART_IN_BOX, PIECE_IN_BOX = 0.5, 0.9, 0.8
+"""IoU of two objects' boxes, share of one's box in another's, and of a background piece's: from there they are one."""
 
 
 def merge(kept: LiveSubmap, other: LiveSubmap, volume: Volume) -> None:
@@ -108,8 +108,8 @@ def _fill_one_box(
 ) -> bool:
     """Whether two submaps of one category are the same thing by the boxes that they fill.
 
-    The two sides of a door frame share no surface. Objects do where their boxes agree; background does where the
-    smaller lies in the larger, as a piece of a room's walls does in the others.
+    The two sides of a door frame share no surface. Objects are one where their boxes agree or the smaller lies in the
+    larger; background is where most of the smaller does, as a piece of a room's walls does in the others.
     """
     margin = 2 * max(a.voxel_size, b.voxel_size)
     low = np.stack([points_a.min(axis=0), points_b.min(axis=0)]) - margin
@@ -117,8 +117,8 @@ def _fill_one_box(
     volumes = np.prod(high - low, axis=1)
     common = np.prod(np.maximum(high.min(axis=0) - low.max(axis=0), 0))
     if SubmapKind.OBJECT in (a.kind, b.kind):
-        return bool(common >= SAME_BOX * (volumes.sum() - common))
-    return bool(common >= IN_BOX * volumes.min())
+        return bool(common >= min(SAME_BOX * (volumes.sum() - common), PART_IN_BOX * volumes.min()))
+    return bool(common >= PIECE_IN_BOX * volumes.min())
 
 
 def _share_near(points: npt.NDArray[np.float64], others: npt.NDArray[np.float64], distance: float) -> float:

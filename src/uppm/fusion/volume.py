@@ -199,13 +199,17 @@ class Volume:
 
         They lie at most 0.6 voxels from the surface: half a voxel misses a plane that runs midway between voxels.
         """
+        return self.surface_voxels(slot)[:, :3]
+
+    def surface_voxels(self, slot: int) -> npt.NDArray[np.float64]:
+        """As `surface_points`, with the times that each voxel was seen as the submap's: (N, 4)."""
         p, blocks = self.pool, self.indices(slot)
         blocks = blocks[p.has_surface[blocks]]
-        out = np.empty((64 * len(blocks), 3))
+        out = np.empty((64 * len(blocks), 4))
         arrays = blocks, p.block_coord, p.distance, p.weight, p.belonging, self._limit(slot, 0.6)
         n = surface_points(*arrays, float(self._voxel_size[slot]), out)
         if n > len(out):
-            out = np.empty((n, 3))
+            out = np.empty((n, 4))
             surface_points(*arrays, float(self._voxel_size[slot]), out)
         return out[:n]
 
