@@ -30,7 +30,7 @@ def demo(
     from uppm.pipeline import open_map
 
     start = time.perf_counter()
-    output.mkdir(parents=True, exist_ok=True)
+    make_folder(output)
     file = output / "demo.uppm"
     with resources.as_file(resources.files("uppm.data") / "demo") as folder:
         report = run(open_sequence(folder), file, Config(), resume=False, overwrite=True, quiet=False)
@@ -42,6 +42,17 @@ def demo(
     for written in (file, *write_files(panoptic, output)):
         typer.echo(str(written))
     typer.echo(f"done in {time.perf_counter() - start:.1f} s")
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder with those above it; raises `InputError` where that cannot be."""
+    from uppm.core.errors import InputError
+
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        found, advice = error.strerror or str(error), "name another with --output"
+        raise InputError(path, expected="a folder to write to", found=found, advice=advice) from None
 
 
 def write_files(panoptic: PanopticMap, output: Path) -> list[Path]:

@@ -54,7 +54,7 @@ def _table(panoptic: PanopticMap, *, wide: bool) -> Table:
 
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for title in ("id", "object", "category", "conf.", "center, m", "size, m"):
-        table.add_column(title, no_wrap=title.endswith(", m"))
+        table.add_column(title, no_wrap=title not in ("object", "category"))
     for title in ("voxel", "state", "labels") if wide else ():
         table.add_column(title)
     for submap in sorted(panoptic.submaps, key=lambda s: (s.kind is not SubmapKind.OBJECT, s.id)):

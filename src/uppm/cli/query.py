@@ -44,8 +44,9 @@ def print_result(result: QueryResult) -> None:
         )
         console.print(escape(f"{result.text!r}: nothing here matches{closest}"))
         return
-    columns = ("id", "label", "category", "probability", "center, m", "size, m")
-    table = Table(*columns, title=escape(repr(result.text)), box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table = Table(title=escape(repr(result.text)), title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for column in ("id", "label", "category", "prob.", "center, m", "size, m"):
+        table.add_column(column, no_wrap=column not in ("label", "category"))
     for answer in result.results:
         s = answer.submap
         category = s.descriptor.category.name if s.descriptor else "-"
