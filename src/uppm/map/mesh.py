@@ -21,8 +21,8 @@ _C = TypeVar("_C", np.uint8, np.float32)
 
 MIN_BELONGING = 2
 """Corners of a cell that must belong to the submap; 2 lets neighbouring surfaces meet without a gap."""
-MAX_STEP = 2.2
-"""Voxels of distance that an edge of a cell may span where it crosses the surface."""
+MAX_STEP, DEEP = 1.8, 0.8
+"""Voxels of distance that an edge of a cell may span where it crosses the surface, and how deep it may end doing so."""
 _TILE = 8
 """Blocks along a tile's side: bounds the memory of long thin submaps, such as walls around a corner."""
 _LEVEL = -0.5
@@ -65,11 +65,11 @@ def submap_mesh(submap: Submap, blocks: VoxelBlocks, *, min_belonging: int = MIN
     distance = _padded(blocks.distance).astype(np.float32)
     observed = _padded(blocks.weight > 0)
     belongs = _padded(seen & (blocks.weight > 0) & (blocks.belonging[..., 0] >= blocks.belonging[..., 1]))
-    steepest = MAX_STEP * 32767.0 * submap.voxel_size / submap.truncation
+    voxel = 32767.0 * submap.voxel_size / submap.truncation
     parts = []
     for tile in _tiles(blocks.coords):
         field = tile.dense(distance)
-        cells = _cells(tile.dense(observed), tile.dense(belongs), min_belonging) & _smooth(field, steepest)
+        cells = _cells(tile.dense(observed), tile.dense(belongs), min_belonging) & _smooth(field, voxel)
         surface = _surface(field, cells)
         if surface is not None:
             vertices, faces = surface
@@ -139,16 +139,18 @@ def _cells(
     return cells
 
 
-def _smooth(distance: npt.NDArray[np.floating], steepest: float) -> npt.NDArray[np.bool_]:
+def _smooth(distance: npt.NDArray[np.floating], voxel: float) -> npt.NDArray[np.bool_]:
     """(X, Y, Z) False at the highest corner of each cell with an edge on which the sign changes over a step too steep.
 
-    Distances along the normal change by at most a voxel from one voxel to the next. Where more lies between the inside
-    of a surface and free space, rays passed beside an edge, and what is behind the edge was never seen.
+    Distances along the normal change by at most a voxel from one voxel to the next. Where much more lies between deep
+    behind a surface and free space, rays passed beside an edge, and what is behind the edge was never seen. A thin
+    board's side, which is not deep, stays. voxel: a voxel in the units of `distance`.
     """
     smooth = np.ones(distance.shape, dtype=np.bool_)
     for axis in range(3):
         d = np.moveaxis(distance, axis, 0)
-        torn = ((d[1:] > _LEVEL) != (d[:-1] > _LEVEL)) & (np.abs(d[1:] - d[:-1]) > steepest)
+        low, high = np.minimum(d[1:], d[:-1]), np.maximum(d[1:], d[:-1])
+        torn = (low < min(_LEVEL, -DEEP * voxel)) & (high > _LEVEL) & (high - low > MAX_STEP * voxel)
         cells = np.moveaxis(smooth, axis, 0)
         # An edge along the axis belongs to the four cells around it.
         for j, k in ((0, 0), (0, 1), (1, 0), (1, 1)):
