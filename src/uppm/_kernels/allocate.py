@@ -33,10 +33,11 @@ def band_end(R, t, dx, dy, dz, distance, inv_side):
 
 
 @nb.njit(cache=True, fastmath=True)
-def band_blocks(first, last, depth, range_image, rays, R, t, band, inv_side, ends):
+def band_blocks(first, last, depth, range_image, ray_x, b, R, t, band, inv_side, ends):
     """Block coordinates of the near and far band ends of pixels [first, last) of a row; ends (6, W) is written.
 
-    Without branches, so that it is compiled to vector instructions. A pixel without depth gives the camera's block.
+    The ray of pixel u is (ray_x[u], b, 1). Without branches, so that it is compiled to vector instructions. A pixel
+    without depth gives the camera's block.
     """
     m00, m01, m02 = R[0, 0] * inv_side, R[1, 0] * inv_side, R[2, 0] * inv_side
     m10, m11, m12 = R[0, 1] * inv_side, R[1, 1] * inv_side, R[2, 1] * inv_side
@@ -47,7 +48,7 @@ def band_blocks(first, last, depth, range_image, rays, R, t, band, inv_side, end
     for u in range(first, last):
         d = depth[u]
         step = band * d / max(range_image[u], np.float32(1e-6))
-        a, b = rays[u, 0], rays[u, 1]
+        a = ray_x[u]
         x = m00 * a + m01 * b + m02
         y = m10 * a + m11 * b + m12
         z = m20 * a + m21 * b + m22
@@ -61,10 +62,11 @@ def band_blocks(first, last, depth, range_image, rays, R, t, band, inv_side, end
 
 
 @nb.njit(inline="always")
-def same_ends(ends, u, v):
+def same_ends(a, u, b, v):
+    """Whether column u of a (6, W) equals column v of b."""
     return (
-        ends[0, u] == ends[0, v] and ends[1, u] == ends[1, v] and ends[2, u] == ends[2, v]
-        and ends[3, u] == ends[3, v] and ends[4, u] == ends[4, v] and ends[5, u] == ends[5, v]
+        a[0, u] == b[0, v] and a[1, u] == b[1, v] and a[2, u] == b[2, v]
+        and a[3, u] == b[3, v] and a[4, u] == b[4, v] and a[5, u] == b[5, v]
     )  # fmt: skip
 
 
@@ -85,21 +87,22 @@ def add_missing(slot, ends, u, keys, values, chunk_blocks, out, count):
 
 @nb.njit(cache=True, parallel=True)
 def missing_blocks(
-    depth, range_image, rays, slot_image, keys, values, chunk_blocks,
+    depth, range_image, ray_x, ray_y, slot_image, keys, values, chunk_blocks,
     rotations, translations, voxel_sizes, truncations, out, counts,
 ):  # fmt: skip
     """Blocks that the truncation bands touch and that do not exist.
 
     For each valid pixel the blocks in the box of its band's two ends are looked up: the band is half a block long, so
-    the box is at most 2x2x2 and holds every block that the band crosses. Pixels whose box equals their left
-    neighbour's are skipped. out (STRIPES, N, 4) takes (slot, bx, by, bz), counts (STRIPES,) their number; repeats
-    are possible. A stripe that is full stops: the caller grows `out` and calls again.
+    the box is at most 2x2x2 and holds every block that the band crosses. Pixels whose ends equal those of the pixel
+    to their left or above are skipped. out (STRIPES, N, 4) takes (slot, bx, by, bz), counts (STRIPES,) their number;
+    repeats are possible. A stripe that is full stops: the caller grows `out` and calls again.
     """
     height, width = range_image.shape
     for stripe in nb.prange(STRIPES):
         count = 0
-        ends = np.empty((6, width), dtype=np.int32)
-        for row in range(stripe * height // STRIPES, (stripe + 1) * height // STRIPES):
+        ends, above = np.empty((6, width), dtype=np.int32), np.full((6, width), -1, dtype=np.int32)
+        start = stripe * height // STRIPES
+        for row in range(start, (stripe + 1) * height // STRIPES):
             first = 0
             while first < width:
                 slot = slot_image[row, first]
@@ -109,21 +112,26 @@ def missing_blocks(
                 if slot >= 0:
                     inv_side = np.float32(1.0) / (voxel_sizes[slot] * np.float32(8.0))
                     band_blocks(
-                        first, last, depth[row], range_image[row], rays[row],
+                        first, last, depth[row], range_image[row], ray_x, ray_y[row],
                         rotations[slot], translations[slot], truncations[slot], inv_side, ends,
                     )  # fmt: skip
                     before = -1
                     for u in range(first, last):
-                        if range_image[row, u] > np.float32(0.0):
-                            if before < 0 or not same_ends(ends, u, before):
-                                count = add_missing(slot, ends, u, keys, values, chunk_blocks, out[stripe], count)
-                            before = u
+                        if range_image[row, u] <= np.float32(0.0):
+                            continue
+                        known = before >= 0 and same_ends(ends, u, ends, before)
+                        if not known and row > start and slot_image[row - 1, u] == slot:
+                            known = range_image[row - 1, u] > np.float32(0.0) and same_ends(ends, u, above, u)
+                        if not known:
+                            count = add_missing(slot, ends, u, keys, values, chunk_blocks, out[stripe], count)
+                        before = u
                 first = last
+            ends, above = above, ends
         counts[stripe] = count
 
 
 @nb.njit(cache=True)
-def missing_along_rays(range_image, rays, stride, slot, keys, values, chunk_blocks, R, t, side, band, out):
+def missing_along_rays(range_image, ray_x, ray_y, stride, slot, keys, values, chunk_blocks, R, t, side, band, out):
     """As `missing_blocks`, for the freespace submap: every block from the camera to the band's end, each stride-th ray.
 
     Steps are half a block; neighbouring rays are much closer than a block, so nothing is missed. Returns the count.
@@ -135,12 +143,12 @@ def missing_along_rays(range_image, rays, stride, slot, keys, values, chunk_bloc
             distance = range_image[row, column]
             if distance == 0:
                 continue
-            a, b, c = rays[row, column, 0], rays[row, column, 1], rays[row, column, 2]
-            scale = np.float32(1.0) / np.sqrt(a * a + b * b + c * c)
+            a, b = ray_x[column], ray_y[row]
+            scale = np.float32(1.0) / np.sqrt(a * a + b * b + np.float32(1.0))
             end = distance + band
             steps = int(np.ceil(end / (side * np.float32(0.5))))
             for i in range(steps + 1):
-                x, y, z = band_end(R, t, a * scale, b * scale, c * scale, end * np.float32(i) / steps, inv_side)
+                x, y, z = band_end(R, t, a * scale, b * scale, scale, end * np.float32(i) / steps, inv_side)
                 if count < out.shape[0] and find_block(keys, values, chunk_blocks, slot, x, y, z) == NONE:
                     out[count, 0], out[count, 1], out[count, 2], out[count, 3] = slot, x, y, z
                     count += 1

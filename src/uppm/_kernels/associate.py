@@ -25,7 +25,7 @@ def voxel_at(x, y, z, R, t, inv_size):
 
 @nb.njit(cache=True, parallel=True)
 def count_overlap(
-    tile_slots, tile_count, rows, depth, rays, ids, stride, keys, values, chunk_blocks,
+    tile_slots, tile_count, rows, depth, ray_x, ray_y, ids, stride, keys, values, chunk_blocks,
     rotations, translations, voxel_sizes, truncations, distance, weight, belonging, counts,
 ):  # fmt: skip
     """Count pixels by submap and segment where the measured point lies on the submap's surface.
@@ -55,7 +55,7 @@ def count_overlap(
                             d = depth[v, u]
                             if d <= np.float32(0.0):
                                 continue
-                            i, j, k = voxel_at(rays[v, u, 0] * d, rays[v, u, 1] * d, d, R, t, inv_size)
+                            i, j, k = voxel_at(ray_x[u] * d, ray_y[v] * d, d, R, t, inv_size)
                             if i >> 3 != bx or j >> 3 != by or k >> 3 != bz:
                                 bx, by, bz = i >> 3, j >> 3, k >> 3
                                 block = find_block(keys, values, chunk_blocks, slot, bx, by, bz)

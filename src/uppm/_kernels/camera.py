@@ -49,10 +49,11 @@ def slope(depth, v, u, dv, du):
 
 
 @nb.njit(cache=True, parallel=True, fastmath=True)
-def ray_cosine(depth, rays, camera, least, out):
+def ray_cosine(depth, ray_x, ray_y, camera, least, out):
     """Cosine between each ray and the surface that it meets, at half the resolution, at least `least`.
 
-    depth (H, W), rays (H, W, 3), out (ceil(H/2), ceil(W/2)) written; pixels without depth or a neighbour get 1. With
+    depth (H, W), the ray of pixel (v, u) is (ray_x[u], ray_y[v], 1), out (ceil(H/2), ceil(W/2)) written; pixels
+    without depth or a neighbour get 1. With
     p = d * r, the normal is along (-fx * dd/du, -fy * dd/dv, d + a * fx * dd/du + b * fy * dd/dv), r = (a, b, 1).
     """
     fx, fy = camera[0], camera[1]
@@ -67,7 +68,7 @@ def ray_cosine(depth, rays, camera, least, out):
             gu, gv = slope(depth, v, u, 0, reach), slope(depth, v, u, reach, 0)
             if abs(gu) > np.float32(1e5) or abs(gv) > np.float32(1e5):
                 continue
-            a, b = rays[v, u, 0], rays[v, u, 1]
+            a, b = ray_x[u], ray_y[v]
             nx, ny = fx * gu / np.float32(reach), fy * gv / np.float32(reach)
             nz = d + a * nx + b * ny
             # The normal is (-nx, -ny, nz), and its product with the ray (a, b, 1) is d.

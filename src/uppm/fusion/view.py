@@ -25,8 +25,10 @@ class View:
     """Metres along the optical axis; 0: invalid or out of range."""
     range_image: npt.NDArray[np.float32]
     """Metres along the ray; 0: as above."""
-    rays: npt.NDArray[np.float32]
-    """(H, W, 3) at z = 1."""
+    ray_x: npt.NDArray[np.float32]
+    """(W,): x of each column's rays at z = 1."""
+    ray_y: npt.NDArray[np.float32]
+    """(H,): y of each row's rays at z = 1."""
     cosine: npt.NDArray[np.float32]
     """(ceil(H/2), ceil(W/2)): cosine between ray and surface."""
     color: npt.NDArray[np.uint8]
@@ -51,14 +53,15 @@ class ViewFactory:
         self._along_normal = along_normal
         self._limits = np.float32(depth_min), np.float32(depth_max)
         self._intrinsics: Intrinsics | None = None
-        self._rays = np.empty((0, 0, 3), dtype=np.float32)
+        self._ray_x, self._ray_y = np.empty(0, dtype=np.float32), np.empty(0, dtype=np.float32)
         self._ray_length = np.empty((0, 0), dtype=np.float32)
 
     def view(self, frame: Frame) -> View:
         """The frame with its depth limited to the configured range."""
         if frame.intrinsics != self._intrinsics:
-            self._intrinsics, self._rays = frame.intrinsics, rays(frame.intrinsics)
-            self._ray_length = np.linalg.norm(self._rays, axis=2)
+            through = rays(frame.intrinsics)
+            self._ray_x, self._ray_y = through[0, :, 0].copy(), through[:, 0, 1].copy()
+            self._intrinsics, self._ray_length = frame.intrinsics, np.linalg.norm(through, axis=2)
         height, width = frame.depth.shape
         low, high = self._limits
         tiles = (-(-height // TILE), -(-width // TILE))
@@ -69,12 +72,13 @@ class ViewFactory:
         camera = np.float32(k.fx), np.float32(k.fy), np.float32(k.cx), np.float32(k.cy)
         cosine = np.ones((-(-height // 2), -(-width // 2)), dtype=np.float32)
         if self._along_normal:
-            ray_cosine(depth, self._rays, camera, MIN_COSINE, cosine)
+            ray_cosine(depth, self._ray_x, self._ray_y, camera, MIN_COSINE, cosine)
         return View(
             depth=depth,
             range_image=range_image,
             cosine=cosine,
-            rays=self._rays,
+            ray_x=self._ray_x,
+            ray_y=self._ray_y,
             color=frame.color,
             tile_min=tile_min,
             tile_max=tile_max,

@@ -101,7 +101,7 @@ class Volume:
         counts = np.zeros((PARTS, len(slots), segments + 1), dtype=np.int32)
         stride = max(1, round(view.shape[1] / 320))
         _associate.count_overlap(
-            visible.tile_slots, visible.tile_count, self._rows(slots), view.depth, view.rays, ids, stride,
+            visible.tile_slots, visible.tile_count, self._rows(slots), view.depth, view.ray_x, view.ray_y, ids, stride,
             p.keys, p.values, p.chunk_blocks, R, t, self._voxel_size, self._truncation,
             p.distance, p.weight, p.belonging, counts,
         )  # fmt: skip
@@ -130,23 +130,26 @@ class Volume:
         index = p.keys, p.values, p.chunk_blocks
         while True:
             _allocate.missing_blocks(
-                view.depth, view.range_image, view.rays, slot_image, *index, R, t,
+                view.depth, view.range_image, view.ray_x, view.ray_y, slot_image, *index, R, t,
                 self._voxel_size, self._truncation, self._wanted, counts,
             )  # fmt: skip
             if counts.max() < self._wanted.shape[1]:
                 break
             self._wanted = np.empty((_allocate.STRIPES, 2 * self._wanted.shape[1], 4), dtype=np.int64)
-        new = [self._add(self._wanted[i], int(n)) for i, n in enumerate(counts)]
+        wanted = np.concatenate([self._wanted[i, :n] for i, n in enumerate(counts.tolist())])
+        new = self._add(wanted, len(wanted))
         if self._freespace != NONE:
             f, wanted = self._freespace, self._wanted.reshape(-1, 4)
             n = _allocate.missing_along_rays(
-                view.range_image, view.rays, FREESPACE_RAY_STRIDE, f, *index, R[f], t[f],
+                view.range_image, view.ray_x, view.ray_y, FREESPACE_RAY_STRIDE, f, *index, R[f], t[f],
                 self._voxel_size[f] * np.float32(VOXELS_PER_SIDE), self._truncation[f], wanted,
             )  # fmt: skip
-            new.append(self._add(wanted, n))
-        return np.concatenate(new)
+            new = np.concatenate([new, self._add(wanted, n)])
+        return new
 
     def _add(self, wanted: npt.NDArray[np.int64], n: int) -> Indices:
+        if not n:
+            return NO_SLOTS
         p, out = self.pool, np.empty(n, dtype=np.int32)
         count = _allocate.add_blocks(
             wanted, n, p.keys, p.values, self._head, p.chunk_next, p.chunk_prev, p.chunk_coord, p.chunk_slot,
