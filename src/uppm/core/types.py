@@ -271,6 +271,34 @@ class Submap:
         return self.bounds[1] - self.bounds[0]
 
 
+class ChangeState(str, Enum):
+    """What became of an object between two visits."""
+
+    PERSISTENT = "persistent"
+    ABSENT = "absent"
+    NEW = "new"
+    MOVED = "moved"
+    UNOBSERVED = "unobserved"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Change:
+    """One object of either visit, and what became of it (docs/change-detection.md)."""
+
+    state: ChangeState
+    id_old: int | None
+    """Submap in the old map; None for what is new."""
+    id_new: int | None
+    """Submap in the new map; None for what is absent or was not observed."""
+    category: str
+    label: str
+    center_old: npt.NDArray[np.float64] | None
+    """(3,) metres, frame of the new map, as is the next."""
+    center_new: npt.NDArray[np.float64] | None
+    evidence: Mapping[str, float]
+    """What was counted: surface points by what speaks for and against them, and the likeness of a moved pair."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class VoxelBlocks:
     """Voxels of one submap; N blocks of 8x8x8, axes (x, y, z), in frame submap.
