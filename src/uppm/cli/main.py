@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from uppm.cli.bench import bench_app
 from uppm.cli.check import check
 from uppm.cli.demo import demo
 from uppm.cli.evaluate import evaluate_app
@@ -26,6 +27,7 @@ app.command()(query)
 app.command()(export)
 app.command()(demo)
 app.add_typer(evaluate_app, name="evaluate")
+app.add_typer(bench_app, name="bench")
 
 
 def _version(wanted: bool) -> None:

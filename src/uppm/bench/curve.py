@@ -1,0 +1,77 @@
+"""Time a frame while the map grows: cost should follow what is in view, not what is in the map."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from uppm.bench.fusion import FusionCase, TimedFusion, chunks
+from uppm.bench.segments import segments_of
+from uppm.bench.timing import load, machine, resident_mb
+from uppm.core.protocols import FrameSource
+from uppm.core.types import VOXELS_PER_SIDE, Frame
+from uppm.perception.retrieval.embeddings import LabelEmbeddings
+from uppm.pipeline import category_similarity
+
+TOTAL_FRAMES, MAX_FRAMES = 600, 5000
+"""Of all laps together: where no number is asked for, and at most."""
+GAP = 15.0
+"""Metres between the same place in two laps: depth ends at 5 m, so that no lap sees another."""
+
+
+def growth_curve(source: FrameSource, case: FusionCase, laps: int) -> dict[str, Any]:
+    """Fuse the sequence lap after lap, each beside the last, and time each.
+
+    Parameters
+    ----------
+    case : FusionCase
+        `frames` is the number a lap; None: the 600 of the whole curve shared out. `repeat` curves are run, and a
+        lap's time is the least of their medians.
+    """
+    before, segments, similarity = load(), segments_of(case.segments), category_similarity(LabelEmbeddings())
+    a_lap = min(case.frames or max(1, TOTAL_FRAMES // laps), MAX_FRAMES // laps, len(source))
+    medians, extents = [], []
+    for _ in range(case.repeat):
+        timed = TimedFusion(case.settings, similarity)
+        for lap in range(laps):
+            for chunk in chunks(source, segments, a_lap):
+                for frame, segmentation in chunk:
+                    timed.fuse(_beside(frame, lap, a_lap), segmentation)
+            extents.append((timed.blocks, len(timed.fusion.submaps()), round(resident_mb(), 1)))
+        medians.append([float(np.median(lap)) for lap in _laps(timed.seconds, a_lap)])
+    ms = np.min(medians, axis=0) * 1e3
+    blocks, submaps, memory = zip(*extents[-laps:], strict=True)
+    return {
+        "sequence": source.name,
+        "voxel_size": case.voxel_size,
+        "segments": case.segments,
+        "laps": laps,
+        "frames_per_lap": a_lap,
+        "repeats": case.repeat,
+        "lap_ms_per_frame_median": [round(float(value), 3) for value in ms],
+        "lap_blocks": list(blocks),
+        "lap_submaps": list(submaps),
+        "lap_memory_mb": list(memory),
+        "growth_ratio": round(float(ms[-1] / ms[min(1, laps - 1)]), 3),
+        "blocks_growth": round(blocks[-1] / blocks[min(1, laps - 1)], 2),
+        "bytes_per_voxel": round(timed.bytes_per_voxel, 2),
+        "map_mb": round(blocks[-1] * VOXELS_PER_SIDE**3 * timed.bytes_per_voxel / 1e6, 1),
+        "machine": machine(),
+        "load_before": before,
+        "load_after": load(),
+    }
+
+
+def _beside(frame: Frame, lap: int, a_lap: int) -> Frame:
+    """The frame as a camera sees it that many laps on; indices go on counting."""
+    pose = frame.T_map_camera.copy()
+    pose[0, 3] += lap * GAP
+    return replace(frame, T_map_camera=pose, index=frame.index + lap * a_lap)
+
+
+def _laps(seconds: list[float], a_lap: int) -> Iterator[list[float]]:
+    for first in range(0, len(seconds), a_lap):
+        yield seconds[first : first + a_lap]

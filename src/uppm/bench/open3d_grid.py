@@ -1,0 +1,91 @@
+"""Open3D's VoxelBlockGrid on the CPU: the yardstick, geometry only."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from uppm.core.errors import MissingExtraError
+from uppm.core.geometry import invert
+from uppm.core.types import Frame
+
+COMMAND = "pip install uppm[bench]"
+RESOLUTIONS = (8, 16)
+CAPACITY = {8: 50_000, 16: 8_000}
+"""Blocks to begin with; the grid grows beyond."""
+
+
+def load_open3d() -> Any:
+    """The module; raises `MissingExtraError` where it, or a library of the system that it needs, is missing."""
+    try:
+        import open3d  # pyright: ignore[reportMissingImports]
+    except ImportError as error:
+        # Its own reason (a shared library, say) helps where the package itself is there.
+        what = "Open3D" if error.name == "open3d" else f"what Open3D needs ({error})"
+        raise MissingExtraError(what, COMMAND) from None
+    return open3d
+
+
+class Open3dGrid:
+    """A VoxelBlockGrid that frames are integrated into; distance and weight, no colour.
+
+    Parameters
+    ----------
+    voxel_size : float
+        Metres.
+    truncation : float
+        Voxels.
+    depth_max : float
+        Metres.
+    resolution : int
+        Voxels along each side of a block.
+    """
+
+    def __init__(self, open3d: Any, voxel_size: float, truncation: float, depth_max: float, resolution: int) -> None:
+        self._o3d, self.resolution = open3d, resolution
+        # Depth in metres: a scale of one.
+        self._range = 1.0, depth_max, truncation
+        float32 = open3d.core.float32
+        self._grid = open3d.t.geometry.VoxelBlockGrid(
+            attr_names=("tsdf", "weight"),
+            attr_dtypes=(float32, float32),
+            attr_channels=((1), (1)),
+            voxel_size=voxel_size,
+            block_resolution=resolution,
+            block_count=CAPACITY[resolution],
+            device=open3d.core.Device("CPU:0"),
+        )
+        self.seconds: list[float] = []
+        """Of each frame: block lookup and integration; not the conversion of the frame."""
+
+    def fuse(self, frame: Frame) -> None:
+        """Integrate one frame."""
+        o3d = self._o3d
+        depth = o3d.t.geometry.Image(o3d.core.Tensor(frame.depth[..., None]))
+        intrinsic = o3d.core.Tensor(frame.intrinsics.matrix)
+        extrinsic = o3d.core.Tensor(np.ascontiguousarray(invert(frame.T_map_camera)))
+        start = time.perf_counter()
+        blocks = self._grid.compute_unique_block_coordinates(depth, intrinsic, extrinsic, *self._range)
+        self._grid.integrate(blocks, depth, intrinsic, extrinsic, *self._range)
+        self.seconds.append(time.perf_counter() - start)
+
+    @property
+    def blocks(self) -> int:
+        """Blocks in use."""
+        return int(self._grid.hashmap().size())
+
+
+def fastest_resolution(
+    open3d: Any, frames: Sequence[Frame], voxel_size: float, truncation: float, depth_max: float
+) -> int:
+    """Of 8 and 16 voxels a side, the block with the least median time over these frames."""
+    medians: dict[int, float] = {}
+    for resolution in RESOLUTIONS:
+        grid = Open3dGrid(open3d, voxel_size, truncation, depth_max, resolution)
+        for frame in frames:
+            grid.fuse(frame)
+        medians[resolution] = float(np.median(grid.seconds))
+    return min(medians, key=lambda resolution: medians[resolution])

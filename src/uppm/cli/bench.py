@@ -1,0 +1,105 @@
+"""`uppm bench fusion`: time a frame against Open3D in the same run, and while the map grows."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+bench_app = typer.Typer(help="Measure speed and memory on this machine (docs/performance.md).", no_args_is_help=True)
+ROWS = {
+    "voxel size, cm": lambda r: "size priors" if r["voxel_size"] is None else f"{100 * r['voxel_size']:g}",
+    "segments": lambda r: r["segments"],
+    "frames x repeats": lambda r: f"{r['frames']} x {r['repeats']}",
+    "ms a frame, median": lambda r: r["ms_per_frame_median"],
+    "ms a frame, mean": lambda r: r["ms_per_frame_mean"],
+    "ms a frame, 90 %": lambda r: r["ms_per_frame_p90"],
+    "least median of the repeats": lambda r: r["ms_per_frame_median_min"],
+    "Open3D, geometry only, median": lambda r: r["open3d_ms_per_frame_median"],
+    "Open3D, least median": lambda r: r["open3d_ms_per_frame_median_min"],
+    "ratio to Open3D": lambda r: r["ratio_open3d"],
+    "ratio of the least medians": lambda r: r["ratio_open3d_min"],
+    "first call, s": lambda r: r["first_call_s"],
+    "blocks": lambda r: r["blocks"],
+    "blocks a frame": lambda r: r["blocks_per_frame"],
+    "submaps": lambda r: r["submaps"],
+    "bytes a voxel": lambda r: r["bytes_per_voxel"],
+    "map, MB": lambda r: r["map_mb"],
+    "process at its peak, MB": lambda r: r["peak_memory_mb"],
+    "load before, after": lambda r: f"{r['load_before']}, {r['load_after']}",
+}
+"""Row of the table -> what stands in it."""
+
+
+@bench_app.callback()
+def bench() -> None:
+    """Measure speed and memory on this machine (docs/performance.md)."""
+
+
+@bench_app.command("fusion")
+def bench_fusion_command(
+    sequence: Annotated[list[Path], typer.Option(help="Posed RGB-D sequence; repeat it for more.")],
+    voxel_size: Annotated[list[float] | None, typer.Option(min=0.005, help="Metres; size priors if absent.")] = None,
+    segments: Annotated[Literal["grid8", "groundtruth"], typer.Option(help="What is fused.")] = "grid8",
+    frames: Annotated[int | None, typer.Option(min=1, help="Use the first so many; a lap's with --curve.")] = None,
+    repeat: Annotated[int, typer.Option(min=1, help="Runs of each case.")] = 1,
+    curve: Annotated[int | None, typer.Option(min=2, metavar="LAPS", help="Go on over a growing map.")] = None,
+    open3d: Annotated[bool, typer.Option(help="Measure Open3D in the same run.")] = True,
+    set_: Annotated[list[str] | None, typer.Option("--set", help="One setting, as fusion.truncation=3.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON: one object, or a list for several.")] = False,
+) -> None:
+    """Time of association, allocation and integration a frame; decoding and perception are outside the clock."""
+    from uppm.bench.curve import growth_curve
+    from uppm.bench.fusion import FusionCase, bench_fusion
+    from uppm.core.config import Config
+    from uppm.datasets.registry import open_sequence
+
+    config = Config.load(overrides=set_ or ())
+    results: list[dict[str, Any]] = []
+    for path in sequence:
+        source = open_sequence(path, config.input)
+        for size in voxel_size or [None]:
+            case = FusionCase(voxel_size=size, segments=segments, frames=frames, repeat=repeat, fusion=config.fusion)
+            results.append(growth_curve(source, case, curve) if curve else bench_fusion(source, case, open3d=open3d))
+    if as_json:
+        typer.echo(json.dumps(results if len(results) > 1 else results[0], indent=2))
+    else:
+        _print_curves(results) if curve else _print_table(results)
+
+
+def _print_table(results: list[dict[str, Any]]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("", *(Path(result["sequence"]).name for result in results))
+    for name, cell in ROWS.items():
+        table.add_row(name, *("-" if cell(r) is None else str(cell(r)) for r in results))
+    table.add_section()
+    for stage in results[0]["stages"]:
+        table.add_row(f"{stage}, ms", *(str(result["stages"][stage]) for result in results))
+    console = Console()
+    console.print(table)
+    _print_machine(results[0])
+    for note in {result["note"] for result in results if result["note"]}:
+        console.print(note, markup=False)
+
+
+def _print_curves(results: list[dict[str, Any]]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    for result in results:
+        table = Table("lap", "ms a frame", "blocks", "submaps", "process, MB", title=Path(result["sequence"]).name)
+        rows = (result[f"lap_{key}"] for key in ("ms_per_frame_median", "blocks", "submaps", "memory_mb"))
+        for lap, row in enumerate(zip(*rows, strict=True), start=1):
+            table.add_row(str(lap), *map(str, row))
+        Console().print(table)
+        growth = f"{result['blocks_growth']} times the blocks: {result['growth_ratio']} times the time"
+        typer.echo(f"last lap against the second, {growth}")
+    _print_machine(results[0])
+
+
+def _print_machine(result: dict[str, Any]) -> None:
+    typer.echo(", ".join(f"{name} {value}" for name, value in result["machine"].items()))
