@@ -23,7 +23,18 @@ from uppm.map.panoptic_map import PanopticMap, QueryResult
 from uppm.map.query import Answer
 from uppm.perception.fakes import FakeVoxelSource
 
-COMMANDS = ("map", "check", "info", "query", "export", "demo", "evaluate", "evaluate map", "evaluate retrieval")
+COMMANDS = (
+    "map",
+    "check",
+    "info",
+    "query",
+    "export",
+    "demo",
+    "evaluate",
+    "evaluate map",
+    "evaluate retrieval",
+    "bench",
+)
 GROUND_TRUTH = ("--perception", "groundtruth", "--json")
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -70,15 +70,26 @@ def test_full_in_an_export_keeps_the_older_file(map_file: Path, tmp_path: Path) 
     assert mesh.read_bytes() == b"older"
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may read and write everything")
-def test_files_without_permission(uppm: Uppm, room: Path, map_file: Path, tmp_path: Path) -> None:
+UNPRIVILEGED = """
+import ctypes, os, sys
+# The superuser's right to read and write every file (CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH) is lost with the next exec.
+for capability in (1, 2):
+    ctypes.CDLL(None).prctl(24, capability, 0, 0, 0)
+os.execv(sys.executable, [sys.executable, "-m", "uppm.cli.main", *sys.argv[1:]])
+"""
+
+
+@pytest.mark.parametrize("closed", ["room/intrinsics.txt", "room.uppm", "room"])
+def test_files_without_permission(room: Path, map_file: Path, tmp_path: Path, closed: str) -> None:
     path = tmp_path / "room.uppm"
-    path.write_bytes(map_file.read_bytes())
-    (room / "intrinsics.txt").chmod(0)
-    path.chmod(0)
-    for arguments in (mapping(room, tmp_path / "new.uppm"), ["info", path]):
-        done = uppm(*arguments)
-        assert (done.code, done.err.count("\n")) == (2, 1), done.err
+    shutil.copyfile(map_file, path)
+    (tmp_path / closed).chmod(0)
+    arguments = ["info", str(path)] if closed == "room.uppm" else ["check", str(room)]
+    command = [sys.executable, "-c", UNPRIVILEGED, *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    (tmp_path / closed).chmod(0o755)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    assert done.stderr.startswith(f"error: {tmp_path / closed}")
 
 
 def test_a_folder_that_cannot_be(uppm: Uppm, tmp_path: Path) -> None:

@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 
 
 def check(
-    sequence: Annotated[Path, typer.Argument(help="Folder or file of a posed RGB-D sequence.", show_default=False)],
+    sequence: Annotated[
+        Path, typer.Argument(readable=False, help="Folder or file of a posed RGB-D sequence.", show_default=False)
+    ],
     format: Annotated[str | None, typer.Option(help="Reader; found by looking where not given.")] = None,
     depth_scale: Annotated[float | None, typer.Option(help="Depth image units a metre.")] = None,
     invert_poses: Annotated[bool, typer.Option("--invert-poses", help="Pose files are world-to-camera.")] = False,

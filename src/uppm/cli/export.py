@@ -22,7 +22,7 @@ class Coloring(str, Enum):
 
 
 def export(
-    path: Annotated[Path, typer.Argument(metavar="MAP", help="Map file written by `uppm map`.")],
+    path: Annotated[Path, typer.Argument(metavar="MAP", readable=False, help="Map file written by `uppm map`.")],
     mesh: Annotated[Path | None, typer.Option(help="Mesh of the whole map, .ply or .glb.")] = None,
     color: Annotated[Coloring, typer.Option(help="What the mesh's and the pictures' colours show.")] = Coloring.COLOR,
     objects: Annotated[Path | None, typer.Option(metavar="DIR", help="One mesh an object: ID_CATEGORY.ply.")] = None,

@@ -19,7 +19,7 @@ WIDE = 110
 
 
 def info(
-    path: Annotated[Path, typer.Argument(metavar="MAP", help="Map file written by `uppm map`.")],
+    path: Annotated[Path, typer.Argument(metavar="MAP", readable=False, help="Map file written by `uppm map`.")],
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON for programs.")] = False,
 ) -> None:
     """What a map holds: objects and background with labels, place and size, and what was left out of it."""
@@ -79,4 +79,6 @@ def numbers(values: object) -> str:
 
 
 def _listed(counts: Mapping[str, int]) -> str:
-    return ", ".join(f"{reason} {count}" for reason, count in sorted(counts.items(), key=lambda item: -item[1]))
+    return ", ".join(
+        f"{reason.replace('_', ' ')} {count}" for reason, count in sorted(counts.items(), key=lambda item: -item[1])
+    )

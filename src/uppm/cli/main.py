@@ -46,13 +46,21 @@ def uppm(
 
 
 def main() -> None:
-    """Entry point: a `UppmError` is one line on standard error and exit code 2; a bug is a traceback and code 1."""
+    """Entry point: what is wrong with the input or the disk is one line on standard error and exit code 2."""
     try:
         app()
     except UppmError as error:
-        # One line, whatever a library's message held that is quoted in it.
-        typer.echo(f"error: {' '.join(str(error).split())}", err=True)
-        sys.exit(2)
+        _end(str(error))
+    except OSError as error:
+        found = error.strerror or str(error)
+        where = error.filename or "a file"
+        _end(f"{where}: expected a file that can be read and written, found {found}; look at its permissions")
+
+
+def _end(message: str) -> None:
+    # One line, whatever a library's message held that is quoted in it.
+    typer.echo(f"error: {' '.join(message.split())}", err=True)
+    sys.exit(2)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def map_command(
-    sequence: Annotated[Path, typer.Argument(help="Folder or file of a posed RGB-D sequence.")],
+    sequence: Annotated[Path, typer.Argument(readable=False, help="Folder or file of a posed RGB-D sequence.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Map file to write.", metavar="MAP.uppm")],
     perception: Annotated[str | None, typer.Option(help="Front end: embedded, groundtruth, precomputed.")] = None,
     precomputed: Annotated[Path | None, typer.Option(help="Folder of id images for `precomputed`.")] = None,
@@ -149,4 +149,4 @@ def print_report(report: Report, output: Path) -> None:
         typer.echo(f"  {stage:<12}{seconds:8.2f} s")
     for title, counts in (("skipped frames", report.skipped), ("dropped", report.dropped)):
         for reason, count in counts.items():
-            typer.echo(f"  {title}: {count} x {reason}")
+            typer.echo(f"  {title}: {count} x {reason.replace('_', ' ')}")

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def query(
-    path: Annotated[Path, typer.Argument(metavar="MAP", help="Map file written by `uppm map`.")],
+    path: Annotated[Path, typer.Argument(metavar="MAP", readable=False, help="Map file written by `uppm map`.")],
     text: Annotated[str, typer.Argument(help="What to look for, in everyday words.")],
     limit: Annotated[int, typer.Option(min=1, help="At most so many answers.")] = 5,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON for programs.")] = False,
