@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, cast
 
@@ -145,14 +145,16 @@ def bench_fusion(source: FrameSource, case: FusionCase, *, open3d: bool = True) 
         peak = max(peak, _run(source, segments, case.frames, mine, grid))
         ours.append(mine)
         theirs.extend([grid] if grid else [])
+    times = milliseconds([run.seconds for run in ours])
     return {
         "sequence": source.name,
         "voxel_size": case.voxel_size,
         "segments": case.segments,
         "frames": len(ours[0].seconds),
         "repeats": case.repeat,
-        **_ours(ours),
-        **_theirs(theirs, [run.seconds for run in ours]),
+        **times,
+        **_theirs(theirs, times),
+        **_inside(ours),
         "first_call_s": round(first_call, 3),
         "peak_memory_mb": round(peak, 1),
         "threads": case.settings.threads,
@@ -214,12 +216,11 @@ def _fuse_geometry(grid: Open3dGrid, chunk: Sequence[tuple[Frame, DescribedSegme
         grid.fuse(frame)
 
 
-def _ours(runs: Sequence[TimedFusion]) -> dict[str, Any]:
+def _inside(runs: Sequence[TimedFusion]) -> dict[str, Any]:
+    """Where the time and the memory go."""
     stages = [frame for run in runs for frame in run.stages]
     last = runs[-1]
     return {
-        **milliseconds([s for run in runs for s in run.seconds]),
-        "ms_per_frame_median_min": _least_median([run.seconds for run in runs]),
         "stages": {
             name: round(float(np.median([stage.get(name, 0.0) for stage in stages])) * 1e3, 3) for name in STAGES
         },
@@ -231,25 +232,14 @@ def _ours(runs: Sequence[TimedFusion]) -> dict[str, Any]:
     }
 
 
-def _theirs(grids: Sequence[Open3dGrid], ours: Sequence[Sequence[float]]) -> dict[str, Any]:
+def _theirs(grids: Sequence[Open3dGrid], ours: Mapping[str, float]) -> dict[str, Any]:
     """Open3D's figures and ours as a multiple of them; None each where it was not measured."""
-    keys = ("median", "mean", "p90", "median_min")
-    out: dict[str, Any] = {f"open3d_ms_per_frame_{key}": None for key in keys}
-    out |= {"ratio_open3d": None, "ratio_open3d_min": None, "open3d_block_resolution": None, "open3d_blocks": None}
-    if not grids:
-        return out
-    least, mine = _least_median([grid.seconds for grid in grids]), _least_median(ours)
-    out |= milliseconds([s for grid in grids for s in grid.seconds], "open3d_")
-    median = float(np.median([s for run in ours for s in run])) * 1e3
-    return out | {
-        "open3d_ms_per_frame_median_min": least,
-        "ratio_open3d": round(median / out["open3d_ms_per_frame_median"], 3),
-        "ratio_open3d_min": round(mine / least, 3),
-        "open3d_block_resolution": grids[-1].resolution,
-        "open3d_blocks": grids[-1].blocks,
+    found = milliseconds([grid.seconds for grid in grids]) if grids else dict.fromkeys(ours)
+    ratios = {name: round(ours[name] / value, 3) if value else None for name, value in found.items()}
+    return {
+        **{f"open3d_{name}": value for name, value in found.items()},
+        "ratio_open3d": ratios["ms_per_frame_median"],
+        "ratio_open3d_least": ratios["ms_per_frame_median_of_least"],
+        "open3d_block_resolution": grids[-1].resolution if grids else None,
+        "open3d_blocks": grids[-1].blocks if grids else None,
     }
-
-
-def _least_median(runs: Sequence[Sequence[float]]) -> float:
-    """The least of the runs' medians, ms: what the machine does when it is left alone."""
-    return round(min(float(np.median(run)) for run in runs) * 1e3, 3)

@@ -13,6 +13,7 @@ from uppm.core.geometry import invert
 from uppm.core.types import Frame
 
 COMMAND = "pip install uppm[bench]"
+SYSTEM_COMMAND = "apt install libusb-1.0-0 libgl1 libgomp1, or what your system calls these"
 RESOLUTIONS = (8, 16)
 CAPACITY = {8: 50_000, 16: 8_000}
 """Blocks to begin with; the grid grows beyond."""
@@ -23,9 +24,9 @@ def load_open3d() -> Any:
     try:
         import open3d  # pyright: ignore[reportMissingImports]
     except ImportError as error:
-        # Its own reason (a shared library, say) helps where the package itself is there.
-        what = "Open3D" if error.name == "open3d" else f"what Open3D needs ({error})"
-        raise MissingExtraError(what, COMMAND) from None
+        if error.name == "open3d":
+            raise MissingExtraError("Open3D", COMMAND) from None
+        raise MissingExtraError(f"a library that Open3D loads ({error})", SYSTEM_COMMAND) from None
     return open3d
 
 
