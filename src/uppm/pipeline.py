@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Protocol
@@ -34,7 +34,7 @@ from uppm.perception.segmentation.gravity import estimate_gravity
 PREPARE_FRAMES = 12
 """Frames spread over a sequence that perception may look at before mapping."""
 
-__all__ = ["Mapper", "map_sequence", "open_map", "open_sequence"]
+__all__ = ["Mapper", "compare_maps", "map_sequence", "open_map", "open_sequence"]
 
 
 class NoLabels:
@@ -272,7 +272,7 @@ def map_sequence(
 def _resumed(source: FrameSource, path: str | Path, viewer: FrameViewer | None) -> tuple[Mapper, MapWriter, int]:
     """The mapper and writer of a map at its last checkpoint, and the position of the next frame."""
     saved = MapReader.open(path)
-    _check_same(saved, source, path)
+    _check_same(saved.meta, source, path)
     mapper, first = Mapper(saved_config(saved.meta), viewer=viewer), len(saved.frames())
     if first < len(source):
         mapper.prepare(spread_frames(source))
@@ -291,8 +291,8 @@ def saved_config(meta: MapMeta) -> Config:
         raise ConfigError("the map's configuration", expected=expected, found=found, advice=advice) from None
 
 
-def _check_same(saved: MapReader, source: FrameSource, path: str | Path) -> None:
-    made_of = (saved.meta.provenance.get("sequence"), saved.meta.provenance.get("frames"))
+def _check_same(meta: MapMeta, source: FrameSource, path: str | Path) -> None:
+    made_of = (meta.provenance.get("sequence"), meta.provenance.get("frames"))
     if made_of != (source.name, str(len(source))):
         raise InputError(
             path,
@@ -332,3 +332,54 @@ def spread_frames(source: FrameSource, count: int = PREPARE_FRAMES) -> list[Fram
         except BadFrameError:
             continue
     return frames
+
+
+def compare_maps(old_path: str | Path, path: str | Path, source: FrameSource, *, align: bool = False) -> PanopticMap:
+    """Find out what became of an older map's objects; the result is written into the newer map and returned with it.
+
+    Parameters
+    ----------
+    source : the sequence that the newer map was made of.
+    align : estimate where the old map lies in the new one by their surfaces; otherwise both share a frame.
+
+    Raises
+    ------
+    MapFileError
+        One of the files cannot be read, or the newer one not written.
+    InputError
+        The source is another sequence, or the maps do not come to lie on each other.
+    """
+    from uppm.fusion.change import detect_changes, surfaces
+    from uppm.fusion.registration import moved, register
+    from uppm.fusion.seeing import rendered_views
+    from uppm.fusion.tracking import CategoryPolicy
+
+    old, new = open_map(old_path), open_map(path)
+    _check_same(new.meta, source, path)
+    settings, T, notes = saved_config(new.meta).fusion, np.eye(4), {"onto": str(old_path)}
+    if align:
+        found = register(old.mesh(), new.mesh())
+        T = found.T_new_old
+        notes |= {"onto.T_map_old": " ".join(f"{value:.9g}" for value in T.ravel())}
+        notes |= {"onto.fitness": f"{found.fitness:.4f}", "onto.rmse": f"{found.rmse:.5f}"}
+    poses = [T @ record.T_map_camera for record in old.frames if record.T_map_camera is not None]
+    similarity = category_similarity(LabelEmbeddings(known=new.label_embeddings))
+    changes = detect_changes(
+        surfaces(old.submaps, lambda id_: moved(old.submap_mesh(id_), T)),
+        surfaces(new.submaps, new.submap_mesh),
+        good_frames(source),
+        lambda points: rendered_views(moved(old.mesh(), T), poses, next(good_frames(source)).intrinsics, points),
+        CategoryPolicy(settings.category_policy, settings.min_cosine, similarity),
+    )
+    with MapWriter.resume(path) as writer:
+        for key, value in notes.items():
+            writer.note(key, value)
+        writer.record_changes(changes)
+    return open_map(path)
+
+
+def good_frames(source: FrameSource) -> Iterator[Frame]:
+    """The frames of a sequence that can be used."""
+    for position in range(len(source)):
+        with suppress(BadFrameError):
+            yield source.frame(position)

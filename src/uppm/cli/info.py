@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from uppm.cli.changes import print_changes
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -42,6 +44,7 @@ def print_map(panoptic: PanopticMap) -> None:
     for title, counts in (("frames skipped", panoptic.report.skipped), ("dropped", panoptic.report.dropped)):
         if counts:
             console.print(f"{title}: {_listed(counts)}")
+    print_changes(panoptic)
 
 
 def _table(panoptic: PanopticMap, *, wide: bool) -> Table:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from uppm.cli.changes import print_changes
+
 if TYPE_CHECKING:
     from uppm.core.config import Config
     from uppm.core.types import Report
@@ -34,11 +36,14 @@ def map_command(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing map.")] = False,
     strict: Annotated[bool | None, typer.Option("--strict", help="End at the first bad frame.")] = None,
     check: Annotated[bool, typer.Option(help="Judge poses, scale and intrinsics first.")] = True,
+    onto: Annotated[Path | None, typer.Option(help="Older map: say what changed since.", metavar="MAP.uppm")] = None,
+    align: Annotated[bool, typer.Option("--align", help="Estimate where the older map lies in this one.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
 ) -> None:
     """Map a posed RGB-D sequence into one file that answers questions."""
     from uppm.core.config import Config
     from uppm.datasets.registry import open_sequence
+    from uppm.pipeline import compare_maps
 
     options = {
         "perception.profile": perception,
@@ -56,16 +61,36 @@ def map_command(
     }
     given = [f"{key}={json.dumps(value, ensure_ascii=False)}" for key, value in options.items() if value is not None]
     settings = Config.load(config, [*(set_ or []), *given])
+    check_onto(onto, output, align=align)
     if resume:
         settings = own_settings(output, settings, overwrite=overwrite)
     source = open_sequence(sequence, settings.input)
     if check and not resume:
         warn_or_stop(source, quiet=as_json)
     report = run(source, output, settings, resume=resume, overwrite=overwrite, quiet=as_json)
+    compared = compare_maps(onto, output, source, align=align) if onto else None
     if as_json:
-        typer.echo(json.dumps({"map": str(output), **report_dict(report)}, indent=2))
+        changes = {"changes": compared.to_dict()["changes"]} if compared else {}
+        typer.echo(json.dumps({"map": str(output), **report_dict(report), **changes}, indent=2))
     else:
         print_report(report, output)
+        if compared:
+            print_changes(compared)
+
+
+def check_onto(onto: Path | None, output: Path, *, align: bool) -> None:
+    """Say before a sequence is mapped what would fail after it."""
+    from uppm.core.errors import InputError
+    from uppm.pipeline import open_map
+
+    if onto is None:
+        if align:
+            raise InputError("--align", expected="an older map with it", found="none", advice="name it with --onto")
+        return
+    open_map(onto)
+    if onto.resolve() == output.resolve():
+        advice = "name another file for the new map"
+        raise InputError(onto, expected="an older map than the one to write", found="the same file", advice=advice)
 
 
 def own_settings(output: Path, asked: Config, *, overwrite: bool) -> Config:

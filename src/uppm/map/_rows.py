@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sqlite3
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -11,6 +12,8 @@ import numpy.typing as npt
 
 from uppm.core.types import (
     Category,
+    Change,
+    ChangeState,
     DynamicDescriptor,
     FrameRecord,
     LabelRecord,
@@ -20,6 +23,7 @@ from uppm.core.types import (
     SubmapKind,
     SubmapState,
 )
+from uppm.map._schema import CHANGES
 
 Row = Sequence[Any]
 
@@ -142,6 +146,44 @@ def read_report(rows: Iterable[Row]) -> Report:
         sections[section][reason] = value
     counts = {name: {k: int(v) for k, v in sections[name].items()} for name in ("skipped", "dropped")}
     return Report(frames=int(sections["frames"].get("", 0)), seconds=sections["seconds"], **counts)
+
+
+def change_row(position: int, change: Change) -> Row:
+    """Columns of `changes` in order."""
+    centers = [None if c is None else c.tolist() for c in (change.center_old, change.center_new)]
+    old, new = (c or (None, None, None) for c in centers)
+    described = (change.state.value, change.id_old, change.id_new, change.category, change.label)
+    return position, *described, *old, *new, json.dumps(dict(change.evidence))
+
+
+def read_change(row: Row) -> Change:
+    state, id_old, id_new, category, label = row[1:6]
+    old, new = (None if c[0] is None else np.array(c, dtype=np.float64) for c in (row[6:9], row[9:12]))
+    return Change(
+        state=ChangeState(state),
+        id_old=id_old,
+        id_new=id_new,
+        category=category,
+        label=label,
+        center_old=old,
+        center_new=new,
+        evidence=json.loads(row[12]),
+    )
+
+
+def replace_changes(db: sqlite3.Connection, changes: Iterable[Change]) -> None:
+    """Write what became of the objects of an older map, in place of an earlier comparison."""
+    db.execute(CHANGES)
+    db.execute("DELETE FROM changes")
+    rows = [change_row(n, change) for n, change in enumerate(changes)]
+    db.executemany(f"INSERT INTO changes VALUES ({', '.join('?' * 13)})", rows)
+
+
+def read_changes(db: sqlite3.Connection) -> tuple[Change, ...]:
+    """In the order in which they were written; none where the map was not compared with another."""
+    if not db.execute("SELECT 1 FROM sqlite_master WHERE name = 'changes'").fetchone():
+        return ()
+    return tuple(map(read_change, db.execute("SELECT * FROM changes ORDER BY position")))
 
 
 def upsert_submaps(db: sqlite3.Connection, submaps: Sequence[Submap]) -> None:

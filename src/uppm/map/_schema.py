@@ -34,3 +34,11 @@ CREATE TABLE frames (idx INTEGER PRIMARY KEY, stamp REAL, T_map_camera BLOB, ski
 CREATE TABLE report (
     section TEXT NOT NULL, reason TEXT NOT NULL, value REAL NOT NULL, PRIMARY KEY (section, reason)) WITHOUT ROWID;
 """
+
+# Not among `TABLES`: only a map that was compared with an older one has it.
+CHANGES = """
+CREATE TABLE IF NOT EXISTS changes (
+    position INTEGER PRIMARY KEY, state TEXT NOT NULL, id_old INTEGER, id_new INTEGER,
+    category TEXT NOT NULL, label TEXT NOT NULL,
+    old_x REAL, old_y REAL, old_z REAL, new_x REAL, new_y REAL, new_z REAL, evidence TEXT NOT NULL)
+"""

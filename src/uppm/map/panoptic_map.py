@@ -13,7 +13,7 @@ import numpy.typing as npt
 from uppm.core.categories import unified_categories
 from uppm.core.errors import InputError
 from uppm.core.protocols import TextEncoder, VoxelSource
-from uppm.core.types import FrameRecord, Mesh, Report, Submap, SubmapKind, SubmapState, VoxelBlocks
+from uppm.core.types import Change, FrameRecord, Mesh, Report, Submap, SubmapKind, SubmapState, VoxelBlocks
 from uppm.map.palette import submap_color
 from uppm.map.query import Answer, rank
 from uppm.map.store import MapMeta, MapReader
@@ -72,10 +72,13 @@ class PanopticMap:
         label_embeddings: Mapping[str, Vector] | None = None,
         report: Report | None = None,
         frames: Iterable[FrameRecord] = (),
+        changes: Iterable[Change] = (),
         meta: MapMeta | None = None,
     ) -> None:
         self.submaps = tuple(submaps)
         self.frames = tuple(frames)
+        self.changes = tuple(changes)
+        """What became of the objects of the older map that this one was compared with."""
         self.report = report or Report()
         self.meta = meta or MapMeta()
         self.label_embeddings = dict(label_embeddings or {})
@@ -103,6 +106,7 @@ class PanopticMap:
             label_embeddings=reader.label_embeddings(),
             report=reader.report(),
             frames=reader.frames(),
+            changes=reader.changes(),
             meta=reader.meta,
         )
 
@@ -194,6 +198,7 @@ class PanopticMap:
             "units": "m",
             "up": _rounded(self.up),
             "submaps": [submap_dict(s) for s in self.submaps],
+            "changes": [change_dict(c) for c in self.changes],
             "report": {
                 "frames": self.report.frames,
                 "skipped": dict(self.report.skipped),
@@ -219,6 +224,21 @@ def submap_dict(submap: Submap) -> dict[str, Any]:
         "state": submap.state.value,
         "first_frame": submap.first_frame,
         "last_frame": submap.last_frame,
+    }
+
+
+def change_dict(change: Change) -> dict[str, Any]:
+    """One change for programs; centres in metres, frame map."""
+    old, new = (None if c is None else _rounded(c) for c in (change.center_old, change.center_new))
+    return {
+        "state": change.state.value,
+        "id_old": change.id_old,
+        "id_new": change.id_new,
+        "category": change.category,
+        "label": change.label,
+        "center_old": old,
+        "center_new": new,
+        "evidence": dict(change.evidence),
     }
 
 

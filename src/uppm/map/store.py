@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sqlite3
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from uppm.core.errors import MapFileError
-from uppm.core.types import Checkpoint, FrameRecord, Report, Submap, VoxelBlocks
+from uppm.core.types import Change, Checkpoint, FrameRecord, Report, Submap, VoxelBlocks
 from uppm.map import _codec, _database, _rows
 from uppm.map._database import map_errors
 
@@ -83,20 +83,37 @@ class MapWriter:
         MapFileError
             It could not be written (disk full, say); the file then holds the checkpoint before.
         """
+        with self._transaction():
+            self._write(checkpoint)
+        with map_errors(self.path):
+            if self._staged:
+                self._publish()
+            else:
+                _database.lock(self._db)
+
+    def record_changes(self, changes: Iterable[Change]) -> None:
+        """Write what became of the objects of an older map, with the notes since, in one transaction.
+
+        The map must have a checkpoint. Raises `MapFileError` as `checkpoint` does.
+        """
+        with self._transaction():
+            _rows.replace_changes(self._db, changes)
+        with map_errors(self.path):
+            _database.lock(self._db)
+
+    @contextlib.contextmanager
+    def _transaction(self) -> Iterator[None]:
+        """Commit what the block writes, or nothing of it."""
         with map_errors(self.path):
             if not self._db.in_transaction:
                 _database.lock(self._db)
             try:
-                self._write(checkpoint)
+                yield
                 self._db.execute("COMMIT")
             except sqlite3.Error:
                 with contextlib.suppress(sqlite3.Error):
                     self._db.rollback()
                 raise
-            if self._staged:
-                self._publish()
-            else:
-                _database.lock(self._db)
 
     def note(self, key: str, value: str) -> None:
         """Add to the map's provenance, with the next checkpoint."""
@@ -174,6 +191,7 @@ class MapReader:
         self._report = _rows.read_report(db.execute("SELECT * FROM report"))
         vectors = db.execute("SELECT text, vector FROM label_embeddings")
         self._embeddings = {text: np.frombuffer(v, dtype="<f4").astype(np.float32) for text, v in vectors}
+        self._changes = _rows.read_changes(db)
         db.execute("COMMIT")
         self.next_id = int(notes.pop("next_id"))
         provenance = {key.removeprefix(_NOTE): value for key, value in notes.items() if key.startswith(_NOTE)}
@@ -206,6 +224,10 @@ class MapReader:
     def report(self) -> Report:
         """Totals at the last checkpoint."""
         return self._report
+
+    def changes(self) -> tuple[Change, ...]:
+        """What became of the objects of the older map that this one was compared with; none where it was not."""
+        return self._changes
 
     def label_embeddings(self) -> Mapping[str, npt.NDArray[np.float32]]:
         """Label text -> unit vector (D,)."""
