@@ -17,7 +17,7 @@ from uppm.bench.curve import growth_curve
 from uppm.bench.fusion import STAGES, VOLUME_STAGES, FusionCase, bench_fusion
 from uppm.bench.open3d_grid import RESOLUTIONS, load_open3d
 from uppm.bench.segments import grid8, segments_of
-from uppm.bench.timing import Timed, milliseconds
+from uppm.bench.timing import Clock, Timed, figures
 from uppm.cli.main import app
 from uppm.core.config import FusionConfig
 from uppm.core.errors import MissingExtraError
@@ -26,7 +26,13 @@ from uppm.fusion.volume import Volume
 
 FRAMES = 6
 SMALL = FusionConfig(max_blocks=50_000)
-OPEN3D_KEYS = ("open3d_ms_per_frame_median", "open3d_ms_per_frame_median_of_least", "ratio_open3d", "open3d_blocks")
+OPEN3D_KEYS = (
+    "open3d_ms_per_frame_median",
+    "open3d_ms_per_frame_median_of_least",
+    "ratio_open3d",
+    "open3d_blocks",
+    "ratio_open3d_cpu",
+)
 
 
 @pytest.fixture(scope="module")
@@ -146,13 +152,16 @@ def test_the_map_grows_lap_by_lap(room: Path) -> None:
 
 
 def test_figures_are_those_of_the_times() -> None:
-    runs = [[1e-3, 3e-3, 5e-3], [2e-3, 2e-3, 9e-3]]
-    assert milliseconds(runs) == {
+    clocks = [Clock(), Clock()]
+    clocks[0].seconds, clocks[1].seconds = [1e-3, 3e-3, 5e-3], [2e-3, 2e-3, 9e-3]
+    clocks[0].cpu_seconds, clocks[1].cpu_seconds = [2e-3, 4e-3, 6e-3], [4e-3, 4e-3, 7e-3]
+    assert figures(clocks) == {
         "ms_per_frame_median": 2.5,
         "ms_per_frame_mean": round(22 / 6, 3),
         "ms_per_frame_p90": 7.0,
         "ms_per_frame_median_min": 2.0,
         "ms_per_frame_median_of_least": 2.0,
+        "cpu_ms_per_frame_median": 4.0,
     }
 
 

@@ -41,7 +41,7 @@ def growth_curve(source: FrameSource, case: FusionCase, laps: int) -> dict[str, 
                 for frame, segmentation in chunk:
                     timed.fuse(_beside(frame, lap, a_lap), segmentation)
             extents.append((timed.blocks, len(timed.fusion.submaps()), round(resident_mb(), 1)))
-        seconds.append(np.reshape(timed.seconds, (laps, a_lap)))
+        seconds.append(np.reshape(timed.clock.seconds, (laps, a_lap)))
     ms = np.median(np.min(seconds, axis=0), axis=1) * 1e3
     blocks, submaps, memory = zip(*extents[-laps:], strict=True)
     return {

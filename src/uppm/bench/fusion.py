@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, cast
@@ -14,7 +13,7 @@ from numba.np.ufunc.parallel import threading_layer
 
 from uppm.bench.open3d_grid import Open3dGrid, fastest_resolution, load_open3d
 from uppm.bench.segments import Segments, segments_of, settings_for
-from uppm.bench.timing import Timed, load, machine, milliseconds, resident_mb
+from uppm.bench.timing import Clock, Timed, figures, load, machine, resident_mb
 from uppm.core.config import FusionConfig
 from uppm.core.errors import MissingExtraError
 from uppm.core.protocols import FrameSource
@@ -85,19 +84,16 @@ class TimedFusion:
         self._views = Timed(self.fusion._views, {"view": "view"})
         self.fusion._volume = cast(Volume, self.volume)
         self.fusion._views = cast(ViewFactory, self._views)
-        self.seconds: list[float] = []
-        """Of each frame."""
+        self.clock = Clock()
         self.stages: list[dict[str, float]] = []
         """Seconds of each frame by stage."""
 
     def fuse(self, frame: Frame, segmentation: DescribedSegmentation) -> None:
         """Fuse one frame."""
-        start = time.perf_counter()
-        self.fusion.fuse(frame, segmentation)
-        whole = time.perf_counter() - start
+        with self.clock.frame():
+            self.fusion.fuse(frame, segmentation)
         stages = self._views.take() | self.volume.take()
-        self.stages.append({**stages, "other": whole - sum(stages.values())})
-        self.seconds.append(whole)
+        self.stages.append({**stages, "other": self.clock.seconds[-1] - sum(stages.values())})
 
     @property
     def blocks(self) -> int:
@@ -145,12 +141,12 @@ def bench_fusion(source: FrameSource, case: FusionCase, *, open3d: bool = True) 
         peak = max(peak, _run(source, segments, case.frames, mine, grid))
         ours.append(mine)
         theirs.extend([grid] if grid else [])
-    times = milliseconds([run.seconds for run in ours])
+    times = figures([run.clock for run in ours])
     return {
         "sequence": source.name,
         "voxel_size": case.voxel_size,
         "segments": case.segments,
-        "frames": len(ours[0].seconds),
+        "frames": len(ours[0].clock.seconds),
         "repeats": case.repeat,
         **times,
         **_theirs(theirs, times),
@@ -174,7 +170,7 @@ def _first_call(
     for position in range(min(2, len(source))):
         frame = source.frame(position)
         timed.fuse(frame, segments(frame))
-    return sum(timed.seconds)
+    return sum(timed.clock.seconds)
 
 
 def _open3d(wanted: bool) -> tuple[Any, str | None]:
@@ -234,12 +230,13 @@ def _inside(runs: Sequence[TimedFusion]) -> dict[str, Any]:
 
 def _theirs(grids: Sequence[Open3dGrid], ours: Mapping[str, float]) -> dict[str, Any]:
     """Open3D's figures and ours as a multiple of them; None each where it was not measured."""
-    found = milliseconds([grid.seconds for grid in grids]) if grids else dict.fromkeys(ours)
+    found = figures([grid.clock for grid in grids]) if grids else dict.fromkeys(ours)
     ratios = {name: round(ours[name] / value, 3) if value else None for name, value in found.items()}
     return {
         **{f"open3d_{name}": value for name, value in found.items()},
         "ratio_open3d": ratios["ms_per_frame_median"],
         "ratio_open3d_least": ratios["ms_per_frame_median_of_least"],
+        "ratio_open3d_cpu": ratios["cpu_ms_per_frame_median"],
         "open3d_block_resolution": grids[-1].resolution if grids else None,
         "open3d_blocks": grids[-1].blocks if grids else None,
     }

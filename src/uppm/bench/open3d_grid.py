@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from uppm.bench.timing import Clock
 from uppm.core.errors import MissingExtraError
 from uppm.core.geometry import invert
 from uppm.core.types import Frame
@@ -59,8 +59,8 @@ class Open3dGrid:
             block_count=CAPACITY[resolution],
             device=open3d.core.Device("CPU:0"),
         )
-        self.seconds: list[float] = []
-        """Of each frame: block lookup and integration; not the conversion of the frame."""
+        self.clock = Clock()
+        """Block lookup and integration; not the conversion of the frame."""
 
     def fuse(self, frame: Frame) -> None:
         """Integrate one frame."""
@@ -68,10 +68,9 @@ class Open3dGrid:
         depth = o3d.t.geometry.Image(o3d.core.Tensor(frame.depth[..., None]))
         intrinsic = o3d.core.Tensor(frame.intrinsics.matrix)
         extrinsic = o3d.core.Tensor(np.ascontiguousarray(invert(frame.T_map_camera)))
-        start = time.perf_counter()
-        blocks = self._grid.compute_unique_block_coordinates(depth, intrinsic, extrinsic, *self._range)
-        self._grid.integrate(blocks, depth, intrinsic, extrinsic, *self._range)
-        self.seconds.append(time.perf_counter() - start)
+        with self.clock.frame():
+            blocks = self._grid.compute_unique_block_coordinates(depth, intrinsic, extrinsic, *self._range)
+            self._grid.integrate(blocks, depth, intrinsic, extrinsic, *self._range)
 
     @property
     def blocks(self) -> int:
@@ -88,5 +87,5 @@ def fastest_resolution(
         grid = Open3dGrid(open3d, voxel_size, truncation, depth_max, resolution)
         for frame in frames:
             grid.fuse(frame)
-        medians[resolution] = float(np.median(grid.seconds))
+        medians[resolution] = float(np.median(grid.clock.seconds))
     return min(medians, key=lambda resolution: medians[resolution])

@@ -8,7 +8,8 @@ import resource
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,22 @@ import numpy as np
 
 COPIED = 1 << 25
 """Values of 8 bytes that the bandwidth is measured with: far more than any cache holds."""
+
+
+class Clock:
+    """Time of each frame: what the wall clock says, and what all threads together spent on a core."""
+
+    def __init__(self) -> None:
+        self.seconds: list[float] = []
+        self.cpu_seconds: list[float] = []
+
+    @contextmanager
+    def frame(self) -> Iterator[None]:
+        """Clock one frame."""
+        start, cpu = time.perf_counter(), time.process_time()
+        yield
+        self.seconds.append(time.perf_counter() - start)
+        self.cpu_seconds.append(time.process_time() - cpu)
 
 
 class Timed:
@@ -54,21 +71,23 @@ class Timed:
         return taken
 
 
-def milliseconds(runs: Sequence[Sequence[float]]) -> dict[str, float]:
-    """What the times (repeats, frames) of the same frames come to, in ms.
+def figures(clocks: Sequence[Clock]) -> dict[str, float]:
+    """What the times of the same frames, one clock a repeat, come to in ms.
 
-    Median, mean and 90th percentile are over all; two more take the noise of a shared machine out, which only ever
-    adds time: the least of the repeats' medians, and the median over the frames of each frame's least time.
+    Median, mean and 90th percentile are over all. Other programs on the machine only ever add to them, so three more
+    leave most of that out: the least of the repeats' medians, the median over the frames of each frame's least time,
+    and the median of the processor time, all threads together.
     """
-    ms = np.asarray(runs) * 1e3
+    ms = np.array([clock.seconds for clock in clocks]) * 1e3
     found = {
-        "median": np.median(ms),
-        "mean": ms.mean(),
-        "p90": np.quantile(ms, 0.9),
-        "median_min": np.median(ms, axis=1).min(),
-        "median_of_least": np.median(ms.min(axis=0)),
+        "ms_per_frame_median": np.median(ms),
+        "ms_per_frame_mean": ms.mean(),
+        "ms_per_frame_p90": np.quantile(ms, 0.9),
+        "ms_per_frame_median_min": np.median(ms, axis=1).min(),
+        "ms_per_frame_median_of_least": np.median(ms.min(axis=0)),
+        "cpu_ms_per_frame_median": np.median([clock.cpu_seconds for clock in clocks]) * 1e3,
     }
-    return {f"ms_per_frame_{name}": round(float(value), 3) for name, value in found.items()}
+    return {name: round(float(value), 3) for name, value in found.items()}
 
 
 def machine() -> dict[str, Any]:
@@ -79,6 +98,7 @@ def machine() -> dict[str, Any]:
         "cores": os.cpu_count(),
         "system": f"{platform.system()} {platform.machine()}",
         "copy_gb_per_s": round(copy_bandwidth(), 1),
+        "omp_wait_policy": os.environ.get("OMP_WAIT_POLICY"),
         "python": platform.python_version(),
         **packages,
     }
