@@ -49,7 +49,7 @@ def test_a_map_of_known_instances(map_file: Path, truth: Path) -> None:
     assert wanted <= set(found)
     # Six frames see the table with its chairs well, and little else.
     assert found["accuracy_cm"] < 2.5
-    assert found["precision_5cm"] > 0.99
+    assert found["precision_5cm"] > 0.98
     assert found["completion_ratio_5cm"] < 0.7
     assert found["category_accuracy"] > 0.9
     table = next(match for match in found["matches"] if match["name"] == "dining table")

@@ -106,7 +106,7 @@ def _instance(row: Mapping[str, str], file: Path, line: int) -> TruthInstance:
         raise InputError(f"{file}, line {line}", expected="whole numbers", found=found, advice="correct them") from None
     if unknown or not categories:
         found = repr(unknown[0]) if unknown else "none"
-        advice = "`uppm categories` lists them"
+        advice = "write it as COCO-Stuff does (docs/retrieval.md)"
         raise InputError(f"{file}, line {line}", expected="unified categories", found=found, advice=advice)
     return TruthInstance(id=number, name=row["name"], is_thing=thing == 1, categories=categories, pixels=pixels)
 
