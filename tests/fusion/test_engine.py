@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+
+import numba
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -170,7 +173,12 @@ def test_what_no_segment_covers_is_unlabeled_background() -> None:
 def test_results_do_not_depend_on_threads() -> None:
     scene = [Plane([0, 0, 1], 0.0), Sphere([0, 0, 0.4], 0.3), Box([0.3, 0.3, 0], [0.6, 0.7, 0.5])]
     names = [("floor", "floor-other"), ("ball", "sports ball"), ("box", "suitcase")]
-    one, two = (fuse(scene, names, RING[:6], FusionConfig(max_blocks=20000, threads=t)) for t in (1, 2))
+    used, results = [], []
+    for threads in (1, 2):
+        results.append(fuse(scene, names, RING[:6], FusionConfig(max_blocks=20000, threads=threads)))
+        used.append(numba.get_num_threads())
+    assert used == [1, min(2, os.cpu_count() or 1)]
+    one, two = results
     for a, b in zip(one.submaps(), two.submaps(), strict=True):
         x, y = one.blocks(a.id), two.blocks(b.id)
         for name in ("coords", "distance", "weight", "color", "belonging"):

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 import numpy.typing as npt
+from numba.core import config as numba_config
 
 from uppm._kernels.camera import PARTS, look_up, segment_pixels
 from uppm._kernels.hashing import NONE
@@ -63,7 +64,7 @@ class PanopticFusion:
     def __init__(self, config: FusionConfig, similarity: npt.NDArray[np.float32]) -> None:
         self._config = config
         self._policy = tracking.CategoryPolicy(config.category_policy, config.min_cosine, similarity)
-        self._threads = min(config.threads, numba.get_num_threads())
+        self._threads = min(config.threads, numba_config.NUMBA_NUM_THREADS)  # pyright: ignore[reportAttributeAccessIssue]
         self._views = ViewFactory(config.depth_min, config.depth_max, along_normal=config.distance == "normal")
         self._volume = Volume(config.max_blocks, config.max_weight, config.interpolation_max_step)
         self._submaps: dict[int, LiveSubmap] = {}
@@ -80,22 +81,12 @@ class PanopticFusion:
         view = self._views.view(frame)
         self._found_common(frame.index, bool(((segmentation.ids == 0) & (view.depth > 0)).any()))
         tracks = self._track(view, segmentation)
-        targets = self._associate(tracks)
+        targets = self._associate(tracks)  # paper equation 4
         submaps = self._observe(frame, tracks, targets, segmentation)
         self._miss(view, tracks, submaps)
-        rest = self._rest.slot if self._rest else NONE
-        slots = np.array([rest, *(s.slot if s else rest for s in submaps)], dtype=np.int32)
-        numbers = np.array([0, *(s.id if s else 0 for s in submaps)], dtype=np.int32)
-        slot_image, id_image = np.empty_like(segmentation.ids), np.empty_like(segmentation.ids)
-        look_up(segmentation.ids, slots, numbers, slot_image, id_image)
-        new = self._volume.allocate(view, slot_image)
-        # A removed or resampled submap's blocks may have been handed out again as new ones: each once.
-        blocks = np.unique(np.concatenate([self._integrable(tracks), new]))
-        seen = [s.slot for s in submaps if s and s.kind is SubmapKind.OBJECT]
-        self._volume.integrate(view, blocks, slot_image, rest, np.array(seen, dtype=np.int32))
-        self._forget_bounds(blocks)
+        ids = self._integrate(view, tracks, submaps, segmentation.ids)
         self._merge_companions(tracks, targets)
-        return id_image
+        return ids
 
     def _found_common(self, frame: int, unlabeled: bool) -> None:
         """The two submaps that are no segment's: freespace, and the background that no segment covers."""
@@ -217,6 +208,21 @@ class PanopticFusion:
         for submap_id in (kept.id, other.id):
             self._bounds.pop(submap_id, None)
         self.dropped["duplicate submap merged"] += 1
+
+    def _integrate(self, view: View, tracks: Tracks, submaps: Sequence[LiveSubmap | None], ids: IdImage) -> IdImage:
+        """Allocate and integrate; returns the submap id of each pixel."""
+        rest = self._rest.slot if self._rest else NONE
+        slots = np.array([rest, *(s.slot if s else rest for s in submaps)], dtype=np.int32)
+        numbers = np.array([0, *(s.id if s else 0 for s in submaps)], dtype=np.int32)
+        slot_image, id_image = np.empty_like(ids), np.empty_like(ids)
+        look_up(ids, slots, numbers, slot_image, id_image)
+        new = self._volume.allocate(view, slot_image)
+        # A removed or resampled submap's blocks may have been handed out again as new ones: each once.
+        blocks = np.unique(np.concatenate([self._integrable(tracks), new]))
+        seen = [s.slot for s in submaps if s and s.kind is SubmapKind.OBJECT]
+        self._volume.integrate(view, blocks, slot_image, rest, np.array(seen, dtype=np.int32))
+        self._forget_bounds(blocks)
+        return id_image
 
     def _integrable(self, tracks: Tracks) -> npt.NDArray[np.int32]:
         """The visible blocks of submaps that still exist and are not inactive."""
