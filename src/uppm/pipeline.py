@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Protocol
@@ -17,8 +17,10 @@ from pydantic import ValidationError
 from uppm.core.categories import unified_categories
 from uppm.core.config import Config
 from uppm.core.errors import BadFrameError, ConfigError, InputError
+from uppm.core.geometry import invert
+from uppm.core.nulls import NoLabels, NoViewer, Timer
 from uppm.core.protocols import FrameSource, FrameViewer, Labeler, Retriever, Segmenter, TextEncoder
-from uppm.core.types import Checkpoint, Frame, FrameRecord, Label, Report, Submap
+from uppm.core.types import Checkpoint, Frame, FrameRecord, Report, Submap
 from uppm.datasets.registry import open_sequence
 from uppm.fusion.engine import PanopticFusion
 from uppm.map.panoptic_map import PanopticMap
@@ -35,36 +37,6 @@ PREPARE_FRAMES = 12
 """Frames spread over a sequence that perception may look at before mapping."""
 
 __all__ = ["Mapper", "compare_maps", "map_sequence", "open_map", "open_sequence"]
-
-
-class NoLabels:
-    """The labeler of closed-set front ends: the segmenter brings its own vocabulary."""
-
-    def label(self, frame: Frame) -> tuple[Label, ...]:
-        """No labels."""
-        return ()
-
-
-class NoViewer:
-    """Shows nothing."""
-
-    def show(self, frame: Frame, submap_ids: npt.NDArray[np.int32]) -> None:
-        """Do nothing."""
-
-
-class Timer:
-    """Seconds by stage."""
-
-    def __init__(self, seconds: Mapping[str, float] | None = None) -> None:
-        self.seconds = dict(seconds or {})
-
-    @contextmanager
-    def __call__(self, stage: str) -> Iterator[None]:
-        start = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start
 
 
 class Mapper:
@@ -138,6 +110,28 @@ class Mapper:
     def _record(self, record: FrameRecord) -> None:
         self._records.append(record)
         self._all_records.append(record)
+
+    def update_poses(self, poses: Mapping[int, npt.NDArray[np.float64]]) -> None:
+        """Take over corrected poses, after a loop closure say: submaps move, nothing is fused again.
+
+        Parameters
+        ----------
+        poses : mapping
+            Frame index -> corrected T_map_camera (4, 4), of frames that were integrated; others are ignored.
+        """
+        corrections: dict[int, npt.NDArray[np.float64]] = {}
+        corrected: dict[int, FrameRecord] = {}
+        for record in self._all_records:
+            if record.T_map_camera is not None and record.index in poses:
+                corrections[record.index] = poses[record.index] @ invert(record.T_map_camera)
+                corrected[record.index] = replace(record, T_map_camera=poses[record.index])
+        if not corrections:
+            return
+        self._fusion.move(corrections)
+        self._all_records = [corrected.get(r.index, r) for r in self._all_records]
+        pending = {r.index for r in self._records}
+        self._records = [corrected.get(r.index, r) for r in self._records]
+        self._records += [r for n, r in corrected.items() if n not in pending]
 
     def finish(self) -> None:
         """End the session: drop unconfirmed submaps, merge duplicates."""

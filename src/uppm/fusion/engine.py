@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numba
@@ -241,6 +241,19 @@ class PanopticFusion:
         """Remove a submap with its voxels."""
         self._volume.remove(self._submaps.pop(submap_id).slot)
         self._bounds.pop(submap_id, None)
+
+    def move(self, corrections: Mapping[int, npt.NDArray[np.float64]]) -> None:
+        """Move submaps with the frames that saw them, without fusing anything again.
+
+        corrections: frame index -> (4, 4) that takes a point from where that frame put it to where it belongs. A submap
+        moves with the corrected frame nearest to the middle of its first and last.
+        """
+        frames = np.array(sorted(corrections))
+        for submap in self._submaps.values():
+            nearest = frames[np.abs(frames - (submap.first_frame + submap.last_frame) / 2).argmin()]
+            submap.T_map_submap = corrections[int(nearest)] @ submap.T_map_submap
+            self._volume.set_pose(submap.slot, submap.T_map_submap)
+        self._bounds.clear()
 
     def finish(self) -> None:
         """End the session: drop what was never confirmed or lost its surface, merge duplicates, return empty blocks."""

@@ -66,6 +66,10 @@ class Volume:
         self._freespace = slot if freespace else self._freespace
         return slot
 
+    def set_pose(self, slot: int, T_map_submap: npt.NDArray[np.float64]) -> None:
+        """Move a submap; its voxels stay as they are in its own frame."""
+        self._T_map_submap[slot] = T_map_submap
+
     def _grow_slots(self) -> None:
         n = len(self._head)
         if 2 * n > SLOT_LIMIT:

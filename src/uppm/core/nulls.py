@@ -1,0 +1,42 @@
+"""Stand-ins that do nothing, and the timer: what a `Mapper` uses where nothing else was given."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+
+import numpy as np
+import numpy.typing as npt
+
+from uppm.core.types import Frame, Label
+
+
+class NoLabels:
+    """The labeler of closed-set front ends: the segmenter brings its own vocabulary."""
+
+    def label(self, frame: Frame) -> tuple[Label, ...]:
+        """No labels."""
+        return ()
+
+
+class NoViewer:
+    """Shows nothing."""
+
+    def show(self, frame: Frame, submap_ids: npt.NDArray[np.int32]) -> None:
+        """Do nothing."""
+
+
+class Timer:
+    """Seconds by stage."""
+
+    def __init__(self, seconds: Mapping[str, float] | None = None) -> None:
+        self.seconds = dict(seconds or {})
+
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start
