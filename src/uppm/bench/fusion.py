@@ -29,14 +29,14 @@ CHUNK = 10
 OPEN3D_VOXEL_SIZE = 0.03
 """Metres, where ours follows the categories' size priors."""
 VOLUME_STAGES = {
-    "visible": "render",
+    "visible": "cull",
     "overlap": "render",
     "expected": "misses",
     "allocate": "allocate",
     "integrate": "integrate",
 }
 """Method of `Volume` -> stage."""
-STAGES = ("view", "render", "misses", "allocate", "integrate", "other")
+STAGES = ("view", "cull", "render", "misses", "allocate", "integrate", "other")
 
 
 @dataclass(frozen=True, kw_only=True)
