@@ -23,10 +23,10 @@ MIN_POINTS, MIN_SHARE = 20, 0.05
 """Points, and share of an object's points, about which the other visit must say something."""
 MIN_FREE = 2
 """Frames that must see through a point, and more than measure something there, for it to be free."""
+FREE_SHARE = 0.3
+"""Share of the points about which it says something that must be free for the object not to be there."""
 SAME_SHARE = 0.3
 """Share of a new object's surface on an old one of a compatible category at which it is that one, seen again."""
-NEW_SHARE = 0.3
-"""Share of a new object's surface that must lie in what the old visit knew as free."""
 MIN_LIKENESS = 0.35
 """Least likeness of an absent and a new object for the one to have moved there."""
 COLOR_STEP = 25.0
@@ -160,7 +160,8 @@ class _Comparison:
                 before, likeness = pairs[surface.submap.id]
                 evidence = {**self._old[before.submap.id].evidence, "likeness": round(likeness, 3)}
                 self._old[before.submap.id] = _change(ChangeState.MOVED, before, surface, evidence)
-            elif free.mean() >= NEW_SHARE:
+            elif _fate(counts) is ChangeState.ABSENT:
+                # Where it is now, the old visit saw that it was not.
                 self._new[surface.submap.id] = _change(ChangeState.NEW, None, surface, counts)
 
     def changes(self) -> tuple[Change, ...]:
@@ -197,13 +198,16 @@ def _counts(**masks: Mask) -> dict[str, float]:
 
 
 def _fate(counts: Mapping[str, float]) -> ChangeState:
-    """The state of an old object by its points.
+    """The state of an object in the other visit, by its points.
 
     What is replaced does not tell a thing that went from one that got another name: it counts as seen, not as gone.
     """
     if counts["agree"] + counts["free"] < max(MIN_POINTS, MIN_SHARE * counts["points"]):
         return ChangeState.UNOBSERVED
-    return ChangeState.ABSENT if counts["free"] > counts["agree"] else ChangeState.PERSISTENT
+    if counts["agree"] >= counts["free"]:
+        return ChangeState.PERSISTENT
+    judged = counts["agree"] + counts["free"] + counts["replaced"]
+    return ChangeState.ABSENT if counts["free"] >= FREE_SHARE * judged else ChangeState.UNOBSERVED
 
 
 def pair_moved(
