@@ -97,7 +97,7 @@ def test_the_stages_are_methods_that_the_volume_has_and_add_up(room: Path) -> No
     assert tuple(found["stages"]) == STAGES
     # One frame: its stages' medians are its times.
     assert sum(found["stages"].values()) == pytest.approx(found["ms_per_frame_median"], abs=0.01)
-    assert min(found["stages"][name] for name in ("view", "render", "allocate", "integrate")) > 0
+    assert min(found["stages"][name] for name in ("view", "cull", "render", "allocate", "integrate")) > 0
 
 
 def test_memory_is_that_of_the_voxels_and_their_blocks(room: Path) -> None:
