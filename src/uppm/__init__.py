@@ -30,7 +30,7 @@ _EXPORTS = {
     "open_sequence": "uppm.datasets.registry",
 }
 
-__all__ = sorted(_EXPORTS)
+__all__ = sorted(_EXPORTS)  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:

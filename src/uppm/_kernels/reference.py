@@ -12,7 +12,7 @@ COLOR_MEMORY = 31.0
 BEHIND = 2.0
 
 Array = npt.NDArray
-Camera = tuple[float, float, float, float]
+Camera = tuple[float, ...]
 
 
 def prepare_depth(depth: Array, ray_length: Array, low: float, high: float) -> tuple[Array, Array]:

@@ -32,7 +32,8 @@ def stray_parts(
     at = tuple((voxels - voxels.min(axis=0) + 1).T)
     grid = np.zeros(voxels.max(axis=0) - voxels.min(axis=0) + 3, dtype=np.bool_)
     grid[at] = True
-    parts, n = ndimage.label(ndimage.binary_dilation(grid, TOUCHING), TOUCHING)
+    parts = np.empty(grid.shape, dtype=np.int32)
+    ndimage.label(ndimage.binary_dilation(grid, TOUCHING), TOUCHING, output=parts)
     part = parts[at]
-    seen = np.bincount(part, weights=counts, minlength=n + 1)
+    seen = np.bincount(part, weights=counts)
     return seen[part] < LEAST_SHARE * seen.max()
