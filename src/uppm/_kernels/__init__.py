@@ -3,3 +3,9 @@
 Structure of arrays; parallel over blocks, tiles or a fixed number of parts, so that results do not depend on the number
 of threads.
 """
+
+import os
+
+# Threads that wait for the next kernel sleep: spinning, they take the cores from perception, and on a busy machine each
+# parallel region costs a time slice. Read when the first kernel starts its threads.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")

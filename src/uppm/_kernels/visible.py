@@ -18,7 +18,7 @@ MAX_CANDIDATES = 48
 def visible_blocks(
     slots, head, chunk_next, chunk_coord, chunk_blocks, block_coord, has_surface,
     rotations, translations, voxel_sizes, truncations, camera, shape, depth_max, tile_min, tile_max,
-    freespace_slot, out, tile_slots, tile_count,
+    freespace_slot, out, boxes, tile_slots, tile_count,
 ):  # fmt: skip
     """Write the pool indices of the blocks that this frame's rays can update to `out`; return their number.
 
@@ -26,6 +26,7 @@ def visible_blocks(
     rotations (slot, 3, 3), translations (slot, 3): T_camera_submap. A block counts where its bounding sphere is in the
     frustum and not wholly behind the surface; wholly in front of it only where it holds a
     surface to carve, or is freespace.
+    boxes (N, 4): the depth tiles x0, y0, x1, y1 (ends exclusive) that each block projects to; written.
     tile_slots (rows, columns, MAX_CANDIDATES), tile_count (rows, columns): the submaps of which a block with a surface
     meets the tile's depth; written.
     """
@@ -54,6 +55,8 @@ def visible_blocks(
                     carve = surface or slot == freespace_slot
                     if meets_depth(box, z, radius, band, tile_min, tile_max, carve):
                         out[count] = block
+                        boxes[count, 0], boxes[count, 1] = box[0] // TILE, box[1] // TILE
+                        boxes[count, 2], boxes[count, 3] = (box[2] - 1) // TILE + 1, (box[3] - 1) // TILE + 1
                         count += 1
                         if surface:
                             add_candidate(box, z, radius, slot, tile_min, tile_max, tile_slots, tile_count)
@@ -95,3 +98,42 @@ def add_candidate(box, z, radius, slot, tile_min, tile_max, tile_slots, tile_cou
             if n < MAX_CANDIDATES and (n == 0 or tile_slots[ty, tx, n - 1] != slot):
                 tile_slots[ty, tx, n] = slot
                 tile_count[ty, tx] = n + 1
+
+
+@nb.njit(cache=True, parallel=True)
+def slots_in_tiles(slot_image, rows, present):
+    """Which submaps' pixels each depth tile shows: present (tiles down, tiles across, submaps) bool is written.
+
+    slot_image (H, W); rows[slot]: the submap's place in `present`, or NONE.
+    """
+    height, width = slot_image.shape
+    for ty in nb.prange(present.shape[0]):
+        present[ty] = False
+        for y in range(ty * TILE, min(height, (ty + 1) * TILE)):
+            for x in range(width):
+                slot = slot_image[y, x]
+                if slot >= 0 and rows[slot] != NONE:
+                    present[ty, x // TILE, rows[slot]] = True
+
+
+@nb.njit(cache=True)
+def blocks_to_update(blocks, boxes, has_surface, block_slot, rows, present, freespace_slot, out):
+    """Of the visible blocks (N,), those in which the frame can change a surface; their number is returned.
+
+    A block without a surface of its submap gains one only from a pixel of that submap. Freespace is always updated.
+    A block that was freed meanwhile, or whose submap has rows[slot] == NONE, is left out.
+    """
+    count = 0
+    for n in range(blocks.shape[0]):
+        slot = block_slot[blocks[n]]
+        if slot == NONE or (slot != freespace_slot and rows[slot] == NONE):
+            continue
+        wanted = has_surface[blocks[n]] or slot == freespace_slot
+        if not wanted:
+            for ty in range(boxes[n, 1], boxes[n, 3]):
+                for tx in range(boxes[n, 0], boxes[n, 2]):
+                    wanted = wanted or present[ty, tx, rows[slot]]
+        if wanted:
+            out[count] = blocks[n]
+            count += 1
+    return count

@@ -29,7 +29,7 @@ from uppm.fusion.cleaning import stray_parts
 from uppm.fusion.resampling import resample
 from uppm.fusion.submaps import LiveSubmap
 from uppm.fusion.view import View, ViewFactory
-from uppm.fusion.volume import Volume
+from uppm.fusion.volume import Visible, Volume
 
 FloatImage = npt.NDArray[np.float32]
 IdImage = npt.NDArray[np.int32]
@@ -40,7 +40,7 @@ class Tracks:
     """The submaps that a frame may show, and how its segments fall on them."""
 
     submaps: tuple[LiveSubmap, ...]
-    blocks: npt.NDArray[np.int32]
+    visible: Visible
     overlap: npt.NDArray[np.int64]
     """(submaps, segments + 1), pixels; column 0: unlabeled."""
     observed: npt.NDArray[np.int64]
@@ -128,9 +128,7 @@ class PanopticFusion:
         least = self._policy.least_overlap(
             [s.category_id for s in solid], [d.category.id for d in segmentation.descriptors], self._config.min_iou
         )
-        return Tracks(
-            submaps=solid, blocks=visible.blocks, overlap=overlap, observed=observed, depth=depth, least=least
-        )
+        return Tracks(submaps=solid, visible=visible, overlap=overlap, observed=observed, depth=depth, least=least)
 
     def _associate(self, tracks: Tracks) -> npt.NDArray[np.intp]:
         """Row in `tracks.submaps` of each segment, or NEW (paper equation 4)."""
@@ -182,8 +180,11 @@ class PanopticFusion:
         """Negative evidence for objects that were in view and that no segment went to."""
         found = {s.id for s in seen if s}
         missing = [s for s in tracks.submaps if s.id not in found and s.kind is SubmapKind.OBJECT]
+        if not missing:
+            return
         slots = np.array([s.slot for s in missing], dtype=np.int32)
-        blocks = tracks.blocks[np.isin(self._volume.pool.block_slot[tracks.blocks], slots)]
+        blocks = tracks.visible.blocks
+        blocks = blocks[np.isin(self._volume.pool.block_slot[blocks], slots)]
         counts = self._volume.expected(view, blocks, slots)
         for submap, (measured, through) in zip(missing, counts.tolist(), strict=True):
             if lifecycle.missed(submap, measured, through, self._config):
@@ -218,18 +219,13 @@ class PanopticFusion:
         look_up(ids, slots, numbers, slot_image, id_image)
         new = self._volume.allocate(view, slot_image)
         # A removed or resampled submap's blocks may have been handed out again as new ones: each once.
-        blocks = np.unique(np.concatenate([self._integrable(tracks), new]))
+        active = [s.slot for s in self._submaps.values() if s.state is not SubmapState.INACTIVE]
+        old = self._volume.to_update(tracks.visible, np.array(active, dtype=np.int32), slot_image)
+        blocks = np.unique(np.concatenate([old, new]))
         seen = [s.slot for s in submaps if s and s.kind is SubmapKind.OBJECT]
         self._volume.integrate(view, blocks, slot_image, rest, np.array(seen, dtype=np.int32))
         self._forget_bounds(blocks)
         return id_image
-
-    def _integrable(self, tracks: Tracks) -> npt.NDArray[np.int32]:
-        """The visible blocks of submaps that still exist and are not inactive."""
-        p = self._volume.pool
-        inactive = [s.slot for s in tracks.submaps if s.state is SubmapState.INACTIVE]
-        slots = p.block_slot[tracks.blocks]
-        return tracks.blocks[(slots >= 0) & ~np.isin(slots, inactive)]
 
     def _forget_bounds(self, blocks: npt.NDArray[np.int32]) -> None:
         changed = set(np.unique(self._volume.pool.block_slot[blocks]).tolist())

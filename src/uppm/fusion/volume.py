@@ -13,7 +13,7 @@ from uppm._kernels.camera import PARTS
 from uppm._kernels.hashing import BLOCKS_PER_CHUNK, NONE, SLOT_LIMIT
 from uppm._kernels.integrate import holds_surface, integrate
 from uppm._kernels.surface import FULL, disown, surface_points
-from uppm._kernels.visible import MAX_CANDIDATES, visible_blocks
+from uppm._kernels.visible import MAX_CANDIDATES, blocks_to_update, slots_in_tiles, visible_blocks
 from uppm.core.errors import UppmError
 from uppm.core.geometry import invert, transform
 from uppm.core.types import VOXELS_PER_SIDE, VoxelBlocks
@@ -32,6 +32,8 @@ class Visible:
 
     blocks: Indices
     """(N,) pool indices."""
+    boxes: Indices
+    """(N, 4): depth tiles x0, y0, x1, y1 (ends exclusive) that each block projects to."""
     tile_slots: Indices
     """(rows, columns, MAX_CANDIDATES): submaps whose surface meets each depth tile."""
     tile_count: Indices
@@ -87,15 +89,15 @@ class Volume:
     def visible(self, view: View, slots: Indices) -> Visible:
         """The blocks of these submaps that the view's rays can reach."""
         p, (R, t) = self.pool, self._T_camera_submap(view)
-        out = np.empty(p.used, dtype=np.int32)
+        out, boxes = np.empty(p.used, dtype=np.int32), np.empty((p.used, 4), dtype=np.int32)
         tile_slots = np.empty((*view.tile_min.shape, MAX_CANDIDATES), dtype=np.int32)
         tile_count = np.empty(view.tile_min.shape, dtype=np.int32)
         n = visible_blocks(
             slots, self._head, p.chunk_next, p.chunk_coord, p.chunk_blocks, p.block_coord, p.has_surface,
             R, t, self._voxel_size, self._truncation, view.camera, view.shape, view.depth_max,
-            view.tile_min, view.tile_max, self._freespace, out, tile_slots, tile_count,
+            view.tile_min, view.tile_max, self._freespace, out, boxes, tile_slots, tile_count,
         )  # fmt: skip
-        return Visible(blocks=out[:n], tile_slots=tile_slots, tile_count=tile_count)
+        return Visible(blocks=out[:n], boxes=boxes[:n], tile_slots=tile_slots, tile_count=tile_count)
 
     def overlap(
         self, view: View, visible: Visible, slots: Indices, ids: npt.NDArray[np.int32], segments: int
@@ -110,6 +112,16 @@ class Volume:
             p.distance, p.weight, p.belonging, counts,
         )  # fmt: skip
         return counts.sum(axis=0, dtype=np.int64) * stride**2
+
+    def to_update(self, visible: Visible, slots: Indices, slot_image: npt.NDArray[np.int32]) -> Indices:
+        """Of the visible blocks of these submaps and of freespace, those in which the frame can change a surface."""
+        p, rows, out = self.pool, self._rows(slots), np.empty(len(visible.blocks), dtype=np.int32)
+        present = np.empty((*visible.tile_count.shape, len(slots)), dtype=np.bool_)
+        slots_in_tiles(slot_image, rows, present)
+        n = blocks_to_update(
+            visible.blocks, visible.boxes, p.has_surface, p.block_slot, rows, present, self._freespace, out
+        )
+        return out[:n]
 
     def expected(self, view: View, blocks: Indices, slots: Indices) -> npt.NDArray[np.int64]:
         """Surface voxels of submap slots[i] that are measured where expected, and that are seen through; (n, 2)."""
