@@ -150,7 +150,7 @@ class Mapper:
 
     @property
     def map(self) -> PanopticMap:
-        """The map as it is now."""
+        """The map as it is now. Its voxels are the running fusion's: mesh it before the next frame, or ask again."""
         return PanopticMap(
             submaps=self._fusion.submaps(),
             voxels=self._fusion,
@@ -366,6 +366,7 @@ def compare_maps(old_path: str | Path, path: str | Path, source: FrameSource, *,
         CategoryPolicy(settings.category_policy, settings.min_cosine, similarity),
     )
     with MapWriter.resume(path) as writer:
+        writer.forget("onto")
         for key, value in notes.items():
             writer.note(key, value)
         writer.record_changes(changes)

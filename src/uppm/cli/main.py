@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import sys
 from typing import Annotated
 
@@ -52,6 +53,8 @@ def main() -> None:
     except UppmError as error:
         _end(str(error))
     except OSError as error:
+        if error.filename is None and error.errno not in (errno.ENOSPC, errno.EACCES, errno.EFBIG, errno.EPIPE):
+            raise
         found = error.strerror or str(error)
         where = error.filename or "a file"
         _end(f"{where}: expected a file that can be read and written, found {found}; look at its permissions")

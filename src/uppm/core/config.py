@@ -86,7 +86,7 @@ class FusionConfig(Section):
     min_iou: float = Field(default=0.1, ge=0, le=1)
     """Least IoU of an association (paper equation 4)."""
     category_policy: Literal["same", "compatible", "any"] = "compatible"
-    min_cosine: float = Field(default=0.5, ge=-1, le=1)
+    min_cosine: float = Field(default=0.5, ge=-1, lt=1)
     """Two categories are compatible where their embeddings agree at least so much."""
     min_containment: float = Field(default=0.6, ge=0, le=1)
     """Share of a segment on one submap's surface at which it joins it though its IoU is low."""

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
 
 LEAST_SHARE = 0.1
 """Observations of a part, of those of the largest part, below which it is stray."""
-TOUCHING = np.ones((3, 3, 3), dtype=np.bool_)
 
 
 def stray_parts(
@@ -16,8 +17,9 @@ def stray_parts(
 ) -> npt.NDArray[np.bool_]:
     """Which surface voxels are of a stray part.
 
-    Parts are what a gap of two voxels separates. A part with few observations, summed over its voxels, beside the
-    largest part's was seen as the object's by mistake: a true part is seen whenever it is in view.
+    Parts are what a gap of two to four voxels separates (neighbouring cells of 2x2x2 voxels are connected). A part with
+    few observations, summed over its voxels, beside the largest part's was seen as the object's by mistake: a true part
+    is seen whenever it is in view.
 
     Parameters
     ----------
@@ -28,12 +30,9 @@ def stray_parts(
     voxel_size : float
         Metres.
     """
-    voxels = np.floor(points / voxel_size).astype(np.intp)
-    at = tuple((voxels - voxels.min(axis=0) + 1).T)
-    grid = np.zeros(voxels.max(axis=0) - voxels.min(axis=0) + 3, dtype=np.bool_)
-    grid[at] = True
-    parts = np.empty(grid.shape, dtype=np.int32)
-    ndimage.label(ndimage.binary_dilation(grid, TOUCHING), TOUCHING, output=parts)
-    part = parts[at]
+    cells, cell = np.unique(np.floor(points / (2 * voxel_size)).astype(np.int64), axis=0, return_inverse=True)
+    pairs = KDTree(cells).query_pairs(1.5, p=np.inf, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs), dtype=np.bool_), (pairs[:, 0], pairs[:, 1])), shape=(len(cells),) * 2)
+    part = connected_components(graph, directed=False)[1][cell.ravel()]
     seen = np.bincount(part, weights=counts)
     return seen[part] < LEAST_SHARE * seen.max()

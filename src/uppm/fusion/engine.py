@@ -14,6 +14,7 @@ from numba.core import config as numba_config
 from uppm._kernels.camera import PARTS, look_up, segment_pixels
 from uppm._kernels.hashing import NONE
 from uppm.core.config import FusionConfig
+from uppm.core.errors import InputError
 from uppm.core.geometry import transform
 from uppm.core.protocols import VoxelSource
 from uppm.core.types import (
@@ -145,8 +146,9 @@ class PanopticFusion:
         out: list[LiveSubmap | None] = []
         for n, e in enumerate(segmentation.descriptors):
             submap = tracks.submaps[targets[n]] if targets[n] != tracking.NEW else None
-            if submap is None and self._founds(frame, e.voxel_size, int(tracks.observed[n]), tracks.depth[n]):
-                submap = self._add(SubmapKind.BACKGROUND, self._config.voxel_size or e.voxel_size, frame.index)
+            size = self._config.voxel_size or e.voxel_size
+            if submap is None and self._founds(frame, size, int(tracks.observed[n]), tracks.depth[n]):
+                submap = self._add(SubmapKind.BACKGROUND, size, frame.index)
             out.append(submap)
             if submap is None:
                 self.dropped["segment too small to found a submap"] += 1
@@ -299,7 +301,10 @@ class PanopticFusion:
         return self._bounds[submap.id]
 
     def blocks(self, submap_id: int) -> VoxelBlocks:
-        """Copies of a submap's voxels."""
+        """Copies of a submap's voxels; raises `InputError` where it has been merged or removed."""
+        if submap_id not in self._submaps:
+            found, advice = "one that was merged or removed since", "ask the mapper for its map again"
+            raise InputError(f"submap {submap_id}", expected="a submap of the running map", found=found, advice=advice)
         return self._volume.gather(self._volume.indices(self._submaps[submap_id].slot))
 
     def changes(self) -> tuple[dict[int, VoxelBlocks], dict[int, npt.NDArray[np.int32]]]:

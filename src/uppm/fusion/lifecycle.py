@@ -51,7 +51,7 @@ def vote_weight(score: float, depth: float, config: FusionConfig) -> float:
 def min_pixels(voxel_size: float, depth: float, focal_area: float, config: FusionConfig) -> int:
     """Pixels that a segment needs to found a submap: its area at its depth covers `min_area` voxel faces.
 
-    So a cup needs less than a bed, at any image size. focal_area: fx * fy; depth: the segment's median, metres.
+    So a cup needs less than a bed, at any image size. focal_area: fx * fy; depth: the segment's mean, metres.
     """
     area = config.min_area * voxel_size**2
     return int(np.ceil(area * focal_area / max(depth, 1e-3) ** 2))

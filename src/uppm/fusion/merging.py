@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy.spatial import KDTree
 
 from uppm.core.config import FusionConfig
-from uppm.core.geometry import transform
+from uppm.core.geometry import invert, transform
 from uppm.core.types import SubmapKind
 from uppm.fusion import descriptors
 from uppm.fusion.resampling import combine, resample
@@ -29,8 +29,10 @@ SAME_BOX, PART_IN_BOX, PIECE_IN_BOX = 0.5, 0.9, 0.8
 def merge(kept: LiveSubmap, other: LiveSubmap, volume: Volume) -> None:
     """Make two submaps one: voxels on the kept one's grid, labels counted together. The other's slot is freed."""
     blocks = volume.gather(volume.indices(other.slot))
-    if other.voxel_size != kept.voxel_size:
-        blocks = resample(blocks, other.voxel_size, other.truncation, kept.voxel_size, kept.truncation)
+    T_other_kept = invert(other.T_map_submap) @ kept.T_map_submap
+    if other.voxel_size != kept.voxel_size or not np.allclose(T_other_kept, np.eye(4), atol=1e-9):
+        sizes = other.voxel_size, other.truncation, kept.voxel_size, kept.truncation
+        blocks = resample(blocks, *sizes, T_other_kept)
     both = combine(volume.gather(volume.indices(kept.slot)), blocks)
     volume.replace(kept.slot, kept.voxel_size, kept.truncation, both)
     volume.remove(other.slot)

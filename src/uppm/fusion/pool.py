@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from uppm._kernels.hashing import BLOCKS_PER_CHUNK, NONE
+from uppm.core.errors import UppmError
 from uppm.core.types import VOXELS_PER_SIDE
 
 
@@ -16,7 +17,12 @@ def reserve(shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
     """A zeroed array whose pages cost memory only once they are written, so that growing copies nothing."""
     size = int(np.prod(shape)) * np.dtype(dtype).itemsize
     flags = mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | getattr(mmap, "MAP_NORESERVE", 0)
-    return np.frombuffer(mmap.mmap(-1, size, flags=flags), dtype=dtype).reshape(shape)
+    try:
+        pages = mmap.mmap(-1, size, flags=flags)
+    except OSError as error:
+        advice = "lower fusion.max_blocks, or allow the process more address space"
+        raise UppmError(f"the block pool cannot reserve {size / 1e9:.1f} GB ({error.strerror}); {advice}") from None
+    return np.frombuffer(pages, dtype=dtype).reshape(shape)
 
 
 class BlockPool:

@@ -6,9 +6,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import map_coordinates
 
+from uppm.core.geometry import invert, transform
 from uppm.core.types import VOXELS_PER_SIDE, VoxelBlocks
 
 FULL = 32767.0
+IDENTITY = np.eye(4)
 
 
 def empty_blocks() -> VoxelBlocks:
@@ -44,26 +46,28 @@ class _Dense:
 
 
 def resample(
-    blocks: VoxelBlocks, voxel_size: float, truncation: float, new_voxel_size: float, new_truncation: float
+    blocks: VoxelBlocks,
+    voxel_size: float,
+    truncation: float,
+    new_voxel_size: float,
+    new_truncation: float,
+    T_old_new: npt.NDArray[np.float64] = IDENTITY,
 ) -> VoxelBlocks:
-    """The same surface at another voxel size: distance trilinear over observed voxels, the rest from the nearest.
+    """The same surface on another grid: distance trilinear over observed voxels, the rest from the nearest.
 
-    Sizes in metres. A voxel is observed where at least half of its interpolation weight is. Distances keep their
-    metres; what the old truncation cut off stays at the old truncation.
+    Sizes in metres; T_old_new (4, 4): the new submap frame in the old. A voxel is observed where at least half of its
+    interpolation weight is. Distances keep their metres; what the old truncation cut off stays at the old truncation.
     """
     if not len(blocks):
         return blocks
-    dense, s, ratio = _Dense(blocks), VOXELS_PER_SIDE, new_voxel_size / voxel_size
-    corners = np.unique(
-        np.concatenate([np.floor((blocks.coords + offset) / ratio).astype(np.int32) for offset in np.ndindex(2, 2, 2)]),
-        axis=0,
-    )
-    out = _blocks(corners)
-    inside = (np.stack(np.meshgrid(*[np.arange(s)] * 3, indexing="ij")) + 0.5).reshape(3, -1)
+    dense, s = _Dense(blocks), VOXELS_PER_SIDE
+    out = _blocks(_blocks_over(blocks.coords, voxel_size, new_voxel_size, T_old_new))
+    inside = (np.stack(np.meshgrid(*[np.arange(s)] * 3, indexing="ij"), axis=-1) + 0.5).reshape(-1, 3)
     observed = (dense.weight > 0).astype(np.float32)
     scaled = dense.distance * observed * np.float32(truncation / new_truncation)
-    for n, corner in enumerate(corners):
-        at = (corner[:, None] * s + inside) * ratio - 0.5 - (dense.low * s)[:, None]
+    for n, corner in enumerate(out.coords):
+        old = transform(T_old_new, (corner * s + inside) * new_voxel_size)
+        at = (old / voxel_size - 0.5 - dense.low * s).T
         share = map_coordinates(observed, at, order=1, mode="constant")
         distance = map_coordinates(scaled, at, order=1, mode="constant") / np.maximum(share, 1e-6)
         nearest = np.rint(at).astype(np.intp)
@@ -74,6 +78,22 @@ def resample(
         rest = np.where(hit[:, None], dense.rest[pick], 0).reshape(s, s, s, 5)
         out.color[n], out.belonging[n] = rest[..., :3], rest[..., 3:]
     return keep(out, np.asarray((out.weight > 0).any(axis=(1, 2, 3))))
+
+
+def _blocks_over(
+    coords: npt.NDArray[np.int32], voxel_size: float, new_voxel_size: float, T_old_new: npt.NDArray[np.float64]
+) -> npt.NDArray[np.int32]:
+    """Coordinates (M, 3), sorted, of the new grid's blocks that the old blocks (N, 3) reach into."""
+    side, new_side = VOXELS_PER_SIDE * voxel_size, VOXELS_PER_SIDE * new_voxel_size
+    corners = (coords[:, None] + np.array(list(np.ndindex(2, 2, 2)))) * side
+    # Rounded, so that a block that ends where the next begins does not reach into it.
+    reach = np.round(transform(invert(T_old_new), corners) / new_side, 6)
+    low, high = np.floor(reach.min(axis=1)).astype(int), np.ceil(reach.max(axis=1)).astype(int)
+    covered = [
+        np.stack(np.meshgrid(*map(np.arange, a, b), indexing="ij"), -1).reshape(-1, 3)
+        for a, b in zip(low, high, strict=True)
+    ]
+    return np.unique(np.concatenate(covered), axis=0).astype(np.int32)
 
 
 def keep(blocks: VoxelBlocks, which: npt.NDArray[np.bool_]) -> VoxelBlocks:

@@ -155,13 +155,21 @@ class Volume:
         wanted = np.concatenate([self._wanted[i, :n] for i, n in enumerate(counts.tolist())])
         new = self._add(wanted, len(wanted))
         if self._freespace != NONE:
-            f, wanted = self._freespace, self._wanted.reshape(-1, 4)
-            n = _allocate.missing_along_rays(
-                view.range_image, view.ray_x, view.ray_y, FREESPACE_RAY_STRIDE, f, *index, R[f], t[f],
-                self._voxel_size[f] * np.float32(VOXELS_PER_SIDE), self._truncation[f], wanted,
-            )  # fmt: skip
-            new = np.concatenate([new, self._add(wanted, n)])
+            new = np.concatenate([new, self._allocate_freespace(view, R, t)])
         return new
+
+    def _allocate_freespace(self, view: View, R: npt.NDArray[np.float32], t: npt.NDArray[np.float32]) -> Indices:
+        p, f, added = self.pool, self._freespace, [NO_SLOTS]
+        while True:
+            wanted = self._wanted.reshape(-1, 4)
+            n = _allocate.missing_along_rays(
+                view.range_image, view.ray_x, view.ray_y, FREESPACE_RAY_STRIDE, f, p.keys, p.values, p.chunk_blocks,
+                R[f], t[f], self._voxel_size[f] * np.float32(VOXELS_PER_SIDE), self._truncation[f], wanted,
+            )  # fmt: skip
+            added.append(self._add(wanted, n))
+            # A full list: what it holds exists now, so the next pass finds the rest.
+            if n < len(wanted):
+                return np.concatenate(added)
 
     def _add(self, wanted: npt.NDArray[np.int64], n: int) -> Indices:
         if not n:

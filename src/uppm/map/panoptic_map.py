@@ -49,7 +49,9 @@ class QueryResult:
 
 
 class PanopticMap:
-    """Submaps with their voxels, labels and report, as they were when it was made; each surface is meshed once.
+    """Submaps with their labels and report as they were when it was made; each surface is meshed once.
+
+    Voxels are read when they are needed: of a running fusion, they are those of that moment.
 
     Parameters
     ----------

@@ -120,6 +120,11 @@ class MapWriter:
         with map_errors(self.path):
             self._db.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (_NOTE + key, value))
 
+    def forget(self, prefix: str) -> None:
+        """Drop the notes whose key begins so, with the next checkpoint."""
+        with map_errors(self.path):
+            self._db.execute("DELETE FROM meta WHERE substr(key, 1, ?) = ?", (len(_NOTE + prefix), _NOTE + prefix))
+
     def close(self) -> None:
         """End writing; a map without any checkpoint leaves nothing behind."""
         with map_errors(self.path):
