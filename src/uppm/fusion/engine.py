@@ -118,10 +118,11 @@ class PanopticFusion:
         return submap
 
     def _track(self, view: View, segmentation: DescribedSegmentation) -> Tracks:
-        """Render all submaps into the view."""
-        submaps = tuple(self._submaps.values())
-        visible = self._volume.visible(view, np.array([s.slot for s in submaps], dtype=np.int32))
-        solid = tuple(s for s in submaps if s.descriptor)
+        """Render the submaps in view."""
+        slots = np.array([s.slot for s in self._submaps.values()], dtype=np.int32)
+        visible = self._volume.visible(view, slots)
+        in_view = set(np.unique(self._volume.pool.block_slot[visible.blocks]).tolist())
+        solid = tuple(s for s in self._submaps.values() if s.descriptor and s.slot in in_view)
         slots = np.array([s.slot for s in solid], dtype=np.int32)
         n = len(segmentation.descriptors)
         overlap = self._volume.overlap(view, visible, slots, segmentation.ids, n)
@@ -221,7 +222,8 @@ class PanopticFusion:
         look_up(ids, slots, numbers, slot_image, id_image)
         new = self._volume.allocate(view, slot_image)
         # A removed or resampled submap's blocks may have been handed out again as new ones: each once.
-        active = [s.slot for s in self._submaps.values() if s.state is not SubmapState.INACTIVE]
+        known = (*tracks.submaps, *(s for s in submaps if s), *([self._rest] if self._rest else []))
+        active = sorted({s.slot for s in known if s.id in self._submaps and s.state is not SubmapState.INACTIVE})
         old = self._volume.to_update(tracks.visible, np.array(active, dtype=np.int32), slot_image)
         blocks = np.unique(np.concatenate([old, new]))
         seen = [s.slot for s in submaps if s and s.kind is SubmapKind.OBJECT]

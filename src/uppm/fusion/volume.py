@@ -53,6 +53,7 @@ class Volume:
         self._voxel_size = np.zeros(64, dtype=np.float32)
         self._truncation = np.zeros(64, dtype=np.float32)
         self._T_map_submap = np.tile(np.eye(4), (64, 1, 1))
+        self._poses: tuple[View, npt.NDArray[np.float32], npt.NDArray[np.float32]] | None = None
         self._free = list(range(63, -1, -1))
         self._freespace = NONE
         self._pruned: dict[int, list[npt.NDArray[np.int32]]] = {}
@@ -65,12 +66,13 @@ class Volume:
         slot = self._free.pop()
         self._voxel_size[slot], self._truncation[slot] = voxel_size, truncation
         self._T_map_submap[slot] = T_map_submap
+        self._poses = None
         self._freespace = slot if freespace else self._freespace
         return slot
 
     def set_pose(self, slot: int, T_map_submap: npt.NDArray[np.float64]) -> None:
         """Move a submap; its voxels stay as they are in its own frame."""
-        self._T_map_submap[slot] = T_map_submap
+        self._T_map_submap[slot], self._poses = T_map_submap, None
 
     def _grow_slots(self) -> None:
         n = len(self._head)
@@ -83,8 +85,10 @@ class Volume:
         self._free = list(range(2 * n - 1, n - 1, -1))
 
     def _T_camera_submap(self, view: View) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-        T = view.T_camera_map @ self._T_map_submap
-        return T[:, :3, :3].astype(np.float32), T[:, :3, 3].astype(np.float32)
+        if self._poses is None or self._poses[0] is not view or len(self._poses[1]) != len(self._head):
+            T = view.T_camera_map @ self._T_map_submap
+            self._poses = view, T[:, :3, :3].astype(np.float32), T[:, :3, 3].astype(np.float32)
+        return self._poses[1:]
 
     def visible(self, view: View, slots: Indices) -> Visible:
         """The blocks of these submaps that the view's rays can reach."""
