@@ -32,7 +32,7 @@ def band_end(R, t, dx, dy, dz, distance, inv_side):
     return a, b, c
 
 
-@nb.njit(cache=True, fastmath=True)
+@nb.njit(cache=True)
 def band_blocks(first, last, depth, range_image, ray_x, b, R, t, band, inv_side, ends):
     """Block coordinates of the near and far band ends of pixels [first, last) of a row; ends (6, W) is written.
 

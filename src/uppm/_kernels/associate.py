@@ -70,7 +70,7 @@ def count_overlap(
                                 counts[part, row, ids[v, u]] += 1
 
 
-@nb.njit(cache=True, parallel=True, fastmath=True)
+@nb.njit(cache=True, parallel=True)
 def count_expected(
     blocks, rows, depth, camera, rotations, translations, voxel_sizes, truncations,
     block_coord, block_slot, distance, weight, belonging, counts,

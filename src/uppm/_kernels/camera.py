@@ -11,7 +11,7 @@ PARTS = 8
 """Fixed, so that sums do not depend on the number of threads."""
 
 
-@nb.njit(cache=True, parallel=True, fastmath=True)
+@nb.njit(cache=True, parallel=True)
 def prepare_depth(depth, ray_length, depth_min, depth_max, limited, range_image, tile_min, tile_max):
     """Depth within range (`limited`, else 0), range along the ray, and the tiles' least and greatest valid depth.
 
@@ -48,7 +48,7 @@ def slope(depth, v, u, dv, du):
     return ahead if abs(ahead) < abs(behind) else behind
 
 
-@nb.njit(cache=True, parallel=True, fastmath=True)
+@nb.njit(cache=True, parallel=True)
 def ray_cosine(depth, ray_x, ray_y, camera, least, out):
     """Cosine between each ray and the surface that it meets, at half the resolution, at least `least`.
 

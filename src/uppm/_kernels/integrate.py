@@ -65,7 +65,7 @@ def holds_surface(distance, weight, belonging, limit):
     return False
 
 
-@nb.njit(cache=True, fastmath=True)
+@nb.njit(cache=True)
 def project_slab(a, coord, R, t, size, camera, u, v, inverse, far):
     """Project the 64 voxels of a block's slab at submap coordinate a along x.
 
@@ -111,7 +111,7 @@ def signed_distance(range_image, cosine, u, v, column, row, far, band, max_step)
     return min(along * incidence, band)
 
 
-@nb.njit(cache=True, parallel=True, fastmath=True)
+@nb.njit(cache=True, parallel=True)
 def integrate(
     blocks, range_image, cosine, slot_image, color_image, camera, max_step, max_weight,
     freespace_slot, rest_slot, observed, rotations, translations, voxel_sizes, truncations,
