@@ -1,8 +1,8 @@
 """Numba kernels, each with a NumPy reference in `reference.py`.
 
 Structure of arrays; parallel over blocks, tiles or a fixed number of parts, so that results do not depend on the number
-of threads. Without fast-math: with it, a kernel compiled beside its callees and one compiled against cached ones differed
-in their last bits, and a resumed run was not the unbroken one.
+of threads. Without fast-math: with it, machine code may differ in its last bits between a kernel compiled beside its
+callees and one compiled against cached ones, and a resumed run would not be the unbroken one.
 """
 
 import os
