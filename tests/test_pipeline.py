@@ -10,6 +10,7 @@ import pytest
 import uppm
 from tests.cli.room import NAMES, write_room
 from uppm.core.errors import BadFrameError, ConfigError, InputError, MapFileError
+from uppm.core.language import FrameLabels
 from uppm.core.types import SubmapKind
 from uppm.map.store import MapMeta
 from uppm.perception.fakes import (
@@ -54,6 +55,19 @@ def test_frames_one_by_one() -> None:
     assert [f.index for f in found.frames] == [0, 1, 2, 3]
     assert {"perception", "retrieval", "fusion", "finish"} <= set(found.report.seconds)
     assert np.asarray(found.mesh().vertices)[:, 2] == pytest.approx(2, abs=0.05)
+
+
+def test_a_frame_that_the_labeler_refuses_is_counted_and_not_fused() -> None:
+    class Choosy:
+        def label(self, frame):
+            return FrameLabels(dropped={"label is no object": 2}, skip="blurred" if frame.index else None)
+
+    mapper = uppm.Mapper(labeler=Choosy(), segmenter=FakeSegmenter(), retriever=FakeRetriever())
+    assert mapper.integrate(fake_frame(0)).any()
+    assert not mapper.integrate(fake_frame(1)).any()
+    assert (mapper.report.frames, mapper.report.skipped) == (1, {"blurred": 1})
+    assert mapper.report.dropped["label is no object"] == 4
+    assert [record.skipped for record in mapper.map.frames] == [None, "blurred"]
 
 
 def test_labels_reach_the_segmenter() -> None:

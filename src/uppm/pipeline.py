@@ -88,10 +88,18 @@ class Mapper:
             self.provenance["up"] = " ".join(f"{value:.6f}" for value in up)
 
     def integrate(self, frame: Frame) -> npt.NDArray[np.int32]:
-        """Fuse one frame; returns the submap id of each pixel, (H, W), 0 where there is none."""
+        """Fuse one frame; returns the submap id of each pixel, (H, W), 0 where there is none.
+
+        A frame that perception judges unfit (blurred, say) is counted as skipped and has no submaps.
+        """
+        with self._timer("labels"):
+            found = self._labeler.label(frame)  # VLFE++, section 3.2.1
+        self._dropped.update(found.dropped)
+        if found.skip:
+            self._skip(FrameRecord(index=frame.index, stamp=frame.stamp, T_map_camera=None, skipped=found.skip))
+            return np.zeros(frame.depth.shape, dtype=np.int32)
         with self._timer("perception"):
-            labels = self._labeler.label(frame)  # VLFE++, section 3.2.1
-            segmentation = self._segmenter.segment(frame, labels)  # OVPS, section 3.2.3
+            segmentation = self._segmenter.segment(frame, found.labels)  # OVPS, section 3.2.3
         with self._timer("retrieval"):
             described = describe(segmentation, self._retriever)  # SR, equation 1
         with self._timer("fusion"):
@@ -104,8 +112,11 @@ class Mapper:
 
     def skip(self, index: int, reason: str) -> None:
         """Count a frame that cannot be used."""
-        self._skipped[reason] += 1
-        self._record(FrameRecord(index=index, stamp=float("nan"), T_map_camera=None, skipped=reason))
+        self._skip(FrameRecord(index=index, stamp=float("nan"), T_map_camera=None, skipped=reason))
+
+    def _skip(self, record: FrameRecord) -> None:
+        self._skipped[str(record.skipped)] += 1
+        self._record(record)
 
     def _record(self, record: FrameRecord) -> None:
         self._records.append(record)

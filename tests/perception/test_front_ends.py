@@ -14,6 +14,7 @@ from uppm import open_sequence
 from uppm.core import protocols
 from uppm.core.config import PerceptionConfig
 from uppm.core.errors import BadFrameError, ConfigError, InputError
+from uppm.core.language import Caption
 from uppm.core.types import Provenance
 from uppm.perception import fakes, registry
 from uppm.perception.segmentation.embedded import EmbeddedSegmenter
@@ -149,6 +150,7 @@ def test_fakes_meet_their_protocols() -> None:
     source: protocols.FrameSource = fakes.FakeFrameSource(3, bad=[1])
     frame = source.frame(0)
     labeler: protocols.Labeler = fakes.FakeLabeler("mug")
+    captioner: protocols.Captioner = fakes.FakeCaptioner("a mug on a table", ["mug"])
     detector: protocols.Detector = fakes.FakeDetector()
     generator: protocols.MaskGenerator = fakes.FakeMaskGenerator()
     segmenter: protocols.Segmenter = fakes.FakeSegmenter()
@@ -156,7 +158,8 @@ def test_fakes_meet_their_protocols() -> None:
     retriever: protocols.Retriever = fakes.FakeRetriever({"mug": "cup"})
     voxels: protocols.VoxelSource = fakes.FakeVoxelSource()
     viewer = fakes.FakeFrameViewer()
-    found = detector.detect(frame.color, labeler.label(frame))
+    assert captioner.caption(frame) == Caption(text="a mug on a table", tags=("mug",))
+    found = detector.detect(frame.color, labeler.label(frame).labels)
     assert found.labels[0].text == "mug"
     assert generator.masks(frame, found.boxes)[0].mean() == 0.5
     assert len(segmenter.segment(frame, ()).segments) == 2

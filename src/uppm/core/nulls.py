@@ -9,15 +9,16 @@ from contextlib import contextmanager
 import numpy as np
 import numpy.typing as npt
 
-from uppm.core.types import Frame, Label
+from uppm.core.language import FrameLabels
+from uppm.core.types import Frame
 
 
 class NoLabels:
     """The labeler of closed-set front ends: the segmenter brings its own vocabulary."""
 
-    def label(self, frame: Frame) -> tuple[Label, ...]:
+    def label(self, frame: Frame) -> FrameLabels:
         """No labels."""
-        return ()
+        return FrameLabels()
 
 
 class NoViewer:

@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from uppm.core.language import Caption, FrameLabels
 from uppm.core.types import Category, Detections, Frame, Label, PanopticSegmentation, VoxelBlocks
 
 
@@ -27,10 +28,16 @@ class FrameSource(Protocol):
     def frame(self, position: int, /) -> Frame: ...
 
 
-class Labeler(Protocol):
-    """Image -> open-vocabulary labels (paper section 3.2.1, VLFE++); an empty tuple from closed-set front ends."""
+class Captioner(Protocol):
+    """Image -> caption and tags, as an image-to-text model writes them (paper section 3.2.1)."""
 
-    def label(self, frame: Frame) -> tuple[Label, ...]: ...
+    def caption(self, frame: Frame) -> Caption: ...
+
+
+class Labeler(Protocol):
+    """Image -> open-vocabulary labels (paper section 3.2.1, VLFE++); none from closed-set front ends."""
+
+    def label(self, frame: Frame) -> FrameLabels: ...
 
 
 class Segmenter(Protocol):

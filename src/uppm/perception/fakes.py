@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from uppm.core.categories import unified_categories
 from uppm.core.errors import BadFrameError
+from uppm.core.language import Caption, FrameLabels
 from uppm.core.types import (
     VOXELS_PER_SIDE,
     Category,
@@ -50,13 +51,25 @@ class FakeFrameSource:
         return fake_frame(self.indices[position])
 
 
+class FakeCaptioner:
+    """Captioner that says the same of every frame, or what `by_index` has for the frame's index."""
+
+    def __init__(self, text: str = "", tags: Sequence[str] = (), by_index: Mapping[int, Caption] | None = None) -> None:
+        self._caption, self._by_index = Caption(text=text, tags=tuple(tags)), dict(by_index or {})
+
+    def caption(self, frame: Frame) -> Caption:
+        """The caption given at construction."""
+        return self._by_index.get(frame.index, self._caption)
+
+
 class FakeLabeler:
     """Labeler that says the same of every frame."""
 
     def __init__(self, *texts: str) -> None:
-        self._labels = tuple(Label(text=text, provenance=Provenance.CAPTION) for text in texts)
+        labels = tuple(Label(text=text, provenance=Provenance.CAPTION) for text in texts)
+        self._labels = FrameLabels(labels=labels)
 
-    def label(self, frame: Frame) -> tuple[Label, ...]:
+    def label(self, frame: Frame) -> FrameLabels:
         """The labels given at construction."""
         return self._labels
 
