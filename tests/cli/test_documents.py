@@ -57,7 +57,7 @@ def test_options_named_beside_settings_exist() -> None:
 
 def test_every_command_is_documented() -> None:
     text = (DOCS / "cli.md").read_text(encoding="utf-8")
-    headings = re.findall(r"^## `(uppm [a-z ]+?)(?: [^a-z`][^`]*)?`$", text, re.MULTILINE)
+    headings = re.findall(r"^## `(uppm [a-z -]+?)(?: [^a-z`][^`]*)?`$", text, re.MULTILINE)
     assert sorted(headings) == sorted(COMMANDS)
 
 

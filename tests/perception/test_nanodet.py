@@ -14,7 +14,7 @@ from tests.conftest import shared_data
 from uppm import open_sequence
 from uppm.core.config import PerceptionConfig
 from uppm.perception.registry import create_detector
-from uppm.perception.segmentation.nanodet import MEAN_BGR, SIDE, STD_BGR, STRIDES, decode, preprocess, suppress
+from uppm.perception.segmentation.nanodet import MEAN_BGR, SIDE, STD_BGR, STRIDES, decode, preprocess
 
 MODEL = resources.files("uppm.data").joinpath("nanodet_coco80_fp16.onnx")
 
@@ -59,13 +59,6 @@ def test_decoding_agrees_with_a_loop() -> None:
             expected.append((x - left, y - top, x + right, y + bottom, level[cell, kind], kind))
     np.testing.assert_allclose(np.column_stack([boxes, best, classes]), expected, rtol=1e-4, atol=1e-3)
     assert len(expected) > 100
-
-
-def test_suppression_is_by_class() -> None:
-    boxes = np.array([[0, 0, 10, 10], [1, 0, 11, 10], [1, 0, 11, 10], [50, 50, 60, 60]], dtype=np.float32)
-    keep = suppress(boxes, np.array([0.5, 0.9, 0.6, 0.7], np.float32), np.array([1, 1, 2, 1]), 0.6)
-    assert keep.tolist() == [1, 3, 2]
-    assert suppress(boxes[:0], np.zeros(0, np.float32), np.zeros(0, np.int64), 0.6).size == 0
 
 
 @pytest.mark.parametrize("shape", [(480, 640, 3), (1, 1, 3), (7, 900, 3)])

@@ -10,6 +10,7 @@ import typer
 
 from uppm.cli.bench import bench_app
 from uppm.cli.check import check
+from uppm.cli.convert import convert_app
 from uppm.cli.demo import demo
 from uppm.cli.evaluate import evaluate_app
 from uppm.cli.evaluate_retrieval import evaluate_retrieval_command
@@ -29,6 +30,7 @@ app.command()(export)
 app.command()(demo)
 app.add_typer(evaluate_app, name="evaluate")
 app.add_typer(bench_app, name="bench")
+app.add_typer(convert_app, name="convert")
 
 
 def _version(wanted: bool) -> None:

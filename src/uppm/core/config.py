@@ -51,6 +51,12 @@ class PerceptionConfig(Section):
     """Name in `uppm.perception.registry`."""
     detector_score: float = Field(default=0.4, ge=0, le=1)
     detector_nms_iou: float = Field(default=0.6, ge=0, le=1)
+    nms: Literal["custom", "classic", "none"] = "custom"
+    """Suppression of prompted detectors' boxes: the paper's, per class by IoU, or none."""
+    nms_iou: float = Field(default=0.5, ge=0, le=1)
+    """Of `nms: classic`."""
+    depth_edges: Literal["auto", "cut", "keep"] = "auto"
+    """Whether a mask that leaks over a depth step is cut at it; auto: unless masks come from depth (`geometric`)."""
     min_mask_pixels: int = Field(default=150, ge=1)
     """At 640x480; scales with the image's area."""
     threads: int = Field(default=2, ge=1)

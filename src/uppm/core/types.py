@@ -174,7 +174,8 @@ class PanopticSegmentation:
     """(H, W); 0: unlabeled, k: segments[k - 1]."""
     segments: tuple[Segment, ...]
     dropped: Mapping[str, int] = field(default_factory=dict[str, int])
-    """Reason -> number of candidate segments dropped for it; `unlabeled_pixels` counts valid pixels left at 0."""
+    """Reason -> number of candidate segments dropped for it; `unlabeled_pixels` counts valid pixels left at 0,
+    `leaked_pixels` those that were cut off masks."""
 
     def __post_init__(self) -> None:
         check_array("segmentation ids", self.ids, dtype=np.int32, shape=(None, None))

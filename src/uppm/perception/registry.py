@@ -18,6 +18,7 @@ from uppm.core.protocols import Detector, MaskGenerator, Segmenter
 
 SEGMENTERS = {
     "embedded": "uppm.perception.segmentation.embedded:EmbeddedSegmenter",
+    "foundation": "uppm.perception.segmentation.prompted:PromptedSegmenter",
     "groundtruth": "uppm.perception.segmentation.groundtruth:GroundTruthSegmenter",
     "precomputed": "uppm.perception.segmentation.precomputed:PrecomputedSegmenter",
 }

@@ -12,6 +12,7 @@ from uppm.core.protocols import Detector, MaskGenerator
 from uppm.core.types import Frame, Label, PanopticSegmentation, Segment
 from uppm.perception.registry import create_detector, create_mask_generator
 from uppm.perception.segmentation.assembly import Mask, assemble, distinct_boxes
+from uppm.perception.segmentation.depth_edges import cut_at_steps, cuts
 from uppm.perception.segmentation.gravity import Gravity, estimate_gravity
 from uppm.perception.segmentation.plausible import has_plausible_size, off_the_floor
 from uppm.perception.segmentation.structure import find_structure
@@ -46,10 +47,14 @@ class EmbeddedSegmenter:
 
     def _things(self, frame: Frame, labels: Sequence[Label]) -> tuple[list[tuple[Mask, Segment]], Counter[str]]:
         found = self._detector.detect(frame.color, labels)
-        masks = self._masks.masks(frame, found.boxes)
+        masks, leaked = self._masks.masks(frame, found.boxes), 0
+        if cuts(self._config):
+            masks, leaked = cut_at_steps(frame, masks)
         fits = [has_plausible_size(frame, m, label.text) for m, label in zip(masks, found.labels, strict=True)]
         unique = distinct_boxes(found, np.flatnonzero(fits))
-        dropped = Counter(implausible_size=fits.count(False), duplicate_box=fits.count(True) - len(unique))
+        dropped = Counter(
+            implausible_size=fits.count(False), duplicate_box=fits.count(True) - len(unique), leaked_pixels=leaked
+        )
         things = [
             (masks[i], Segment(label=found.labels[i], score=float(np.clip(found.scores[i], 0, 1)), is_thing=True))
             for i in unique

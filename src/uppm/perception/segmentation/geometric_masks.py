@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from uppm.core.config import PerceptionConfig
 from uppm.core.types import Frame
+from uppm.perception.segmentation.depth_edges import pieces
 from uppm.perception.segmentation.surfaces import Surfaces, surfaces
 
 Mask = npt.NDArray[np.bool_]
@@ -34,8 +35,6 @@ PLANE_TOLERANCE = 0.009
 """Metres, before sensor noise."""
 OWN_PATCH_SHARE = 0.03
 """A patch that fills so much of the box, and lies in it, is the object's even in the plane of the background."""
-LINK = 0.02
-"""Neighbouring pixels are connected where their depths differ by less than this share of the depth."""
 KEEP_SHARE = 0.3
 """Dropping other objects must leave so much of the foreground; else they were the object, touching its support."""
 DEPTH_MARGIN = (0.3, 0.1)
@@ -131,14 +130,14 @@ def _object(surface: Surfaces, view: _View) -> Mask:
     background = view.share < PATCH_INSIDE
     free = ~_in_planes(surface, view, background) & (view.depth > 0)
     foreground = free & view.inside & ~background[view.patches]
-    pieces = _pieces(free, view.depth, surface.noise)
-    total = np.bincount(pieces.ravel())
-    own = np.bincount(pieces[view.inside], minlength=len(total)) > PIECE_INSIDE * total
+    parts = pieces(free, view.depth, surface.noise)
+    total = np.bincount(parts.ravel())
+    own = np.bincount(parts[view.inside], minlength=len(total)) > PIECE_INSIDE * total
     own[0] = False
-    kept = foreground & own[pieces]
+    kept = foreground & own[parts]
     if np.count_nonzero(kept) < KEEP_SHARE * np.count_nonzero(foreground):
         kept = foreground
-    return _main(np.where(kept, pieces, 0), view.depth)
+    return _main(np.where(kept, parts, 0), view.depth)
 
 
 def _in_planes(surface: Surfaces, view: _View, background: Mask) -> Mask:
@@ -155,38 +154,20 @@ def _in_planes(surface: Surfaces, view: _View, background: Mask) -> Mask:
     return out & ~own[view.patches]
 
 
-def _pieces(free: Mask, depth: npt.NDArray[np.float32], noise: float) -> npt.NDArray[np.int32]:
-    """Connected components (h, w) of `free` pixels, cut where the depth jumps; 0: not free.
-
-    Pixels and the links between them are laid out on a grid of twice the size, whose components are the pieces.
-    """
-    height, width = free.shape
-    grid = np.zeros((2 * height - 1, 2 * width - 1), dtype=np.uint8)
-    grid[::2, ::2] = free
-    grid[::2, 1::2] = free[:, 1:] & free[:, :-1] & _linked(depth[:, 1:], depth[:, :-1], noise)
-    grid[1::2, ::2] = free[1:] & free[:-1] & _linked(depth[1:], depth[:-1], noise)
-    _, ids = cv2.connectedComponents(grid, connectivity=4)
-    return np.ascontiguousarray(ids[::2, ::2], dtype=np.int32)
-
-
-def _linked(a: npt.NDArray[np.float32], b: npt.NDArray[np.float32], noise: float) -> Mask:
-    return np.abs(a - b) < LINK * np.minimum(a, b) + 4 * noise * a * b
-
-
-def _main(pieces: npt.NDArray[np.int32], depth: npt.NDArray[np.float32]) -> Mask:
+def _main(parts: npt.NDArray[np.int32], depth: npt.NDArray[np.float32]) -> Mask:
     """The piece that fills most of the box, and the pieces at its depth."""
-    area = np.bincount(pieces.ravel())
+    area = np.bincount(parts.ravel())
     area[0] = 0
     if not area.any():
-        return np.zeros(pieces.shape, dtype=bool)
+        return np.zeros(parts.shape, dtype=bool)
     candidates = np.argsort(-area, kind="stable")[:6]
-    main = max(candidates, key=lambda i: np.sqrt(area[i]) * _extent(pieces == i))
-    low, high = np.quantile(depth[pieces == main], (0.02, 0.98))
+    main = max(candidates, key=lambda i: np.sqrt(area[i]) * _extent(parts == i))
+    low, high = np.quantile(depth[parts == main], (0.02, 0.98))
     margin = DEPTH_MARGIN[0] * (high - low) + DEPTH_MARGIN[1] * low
     near = (depth > low - margin) & (depth < high + margin)
-    keep = 2 * np.bincount(pieces[near], minlength=len(area)) > area
+    keep = 2 * np.bincount(parts[near], minlength=len(area)) > area
     keep[0] = False
-    return keep[pieces]
+    return keep[parts]
 
 
 def _extent(mask: Mask) -> int:

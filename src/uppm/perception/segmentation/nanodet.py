@@ -13,6 +13,7 @@ import onnxruntime
 from uppm.core.categories import unified_categories
 from uppm.core.config import PerceptionConfig
 from uppm.core.types import Detections, Label, Provenance
+from uppm.perception.segmentation.suppression import classic
 
 SIDE = 416
 """Input side, pixels; the image is resized without letterbox."""
@@ -43,7 +44,7 @@ class NanoDet:
         height, width = color.shape[:2]
         boxes *= np.array([width, height, width, height], dtype=np.float32) / SIDE
         np.clip(boxes, 0, (width, height, width, height), out=boxes)
-        keep = suppress(boxes, scores, classes, self._nms_iou)
+        keep = classic(boxes, scores, classes, self._nms_iou)
         return Detections(boxes=boxes[keep], scores=scores[keep], labels=tuple(self._labels[c] for c in classes[keep]))
 
 
@@ -75,15 +76,3 @@ def decode(
         found.append((boxes.astype(np.float32), level[cell, kind], kind.astype(np.int64)))
     boxes, best, classes = zip(*found, strict=True)
     return np.concatenate(boxes), np.concatenate(best), np.concatenate(classes)
-
-
-def suppress(
-    boxes: npt.NDArray[np.float32], scores: npt.NDArray[np.float32], classes: npt.NDArray[np.int64], max_iou: float
-) -> npt.NDArray[np.int64]:
-    """Indices that survive per-class non-maximum suppression, best first."""
-    xywh = np.concatenate([boxes[:, :2], boxes[:, 2:] - boxes[:, :2]], axis=1)
-    if not len(boxes):
-        return np.zeros(0, dtype=np.int64)
-    keep = cv2.dnn.NMSBoxesBatched(xywh.tolist(), scores.tolist(), classes.tolist(), 0.0, max_iou)
-    keep = np.asarray(keep, dtype=np.int64).reshape(-1)
-    return keep[np.argsort(-scores[keep], kind="stable")]

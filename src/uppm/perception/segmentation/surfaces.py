@@ -87,6 +87,12 @@ def surfaces(frame: Frame) -> Surfaces:
     )
 
 
+def depth_noise(frame: Frame) -> float:
+    """Standard deviation of a frame's inverse depth, 1/m."""
+    scale = max(1, round(frame.intrinsics.width / WORK_WIDTH))
+    return _step(_inverse_depth(np.ascontiguousarray(frame.depth[::scale, ::scale])))[0]
+
+
 def _inverse_depth(depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     """1 / z with single-pixel holes closed from their neighbours; 0 where nothing is known."""
     inverse = np.divide(1, depth, out=np.zeros_like(depth), where=depth > 0)
