@@ -24,7 +24,11 @@ venv: .venv/.base
 demo: .venv/.mpnet
 	$(BIN)/uppm demo --output $(OUT)
 
-test: .venv/.mpnet .venv/.dev
+.venv/.foundation: .venv/.base requirements/foundation.txt
+	$(BIN)/pip install --quiet --disable-pip-version-check -r requirements/foundation.txt
+	touch $@
+
+test: .venv/.mpnet .venv/.dev .venv/.foundation
 	$(BIN)/python -m pytest -m "not heavy"
 	$(BIN)/python -m pytest -m heavy
 

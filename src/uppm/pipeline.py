@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -19,7 +19,7 @@ from uppm.core.config import Config
 from uppm.core.errors import BadFrameError, ConfigError, InputError
 from uppm.core.geometry import invert
 from uppm.core.nulls import NoLabels, NoViewer, Timer
-from uppm.core.protocols import FrameSource, FrameViewer, Labeler, Retriever, Segmenter, TextEncoder
+from uppm.core.protocols import Closable, FrameSource, FrameViewer, Labeler, Retriever, Segmenter, TextEncoder
 from uppm.core.types import Checkpoint, Frame, FrameRecord, Report, Submap
 from uppm.datasets.registry import open_sequence
 from uppm.fusion.engine import PanopticFusion
@@ -149,6 +149,12 @@ class Mapper:
         with self._timer("finish"):
             self._fusion.finish()
 
+    def close(self) -> None:
+        """Release the networks that perception holds; the map stays, and another frame would load them again."""
+        for part in (self._labeler, self._segmenter):
+            if isinstance(part, Closable):
+                part.close()
+
     @property
     def report(self) -> Report:
         """What was done and left out so far."""
@@ -268,7 +274,7 @@ def map_sequence(
         mapper.prepare(spread_frames(source))
         mapper.provenance |= {"sequence": source.name, "frames": str(len(source))}
         writer = MapWriter.create(output, mapper.config.model_dump_json(), mapper.provenance, overwrite=overwrite)
-    with writer:
+    with closing(mapper), writer:
         if first < len(source):
             _run(mapper, source, first, writer, progress)
     return mapper.report

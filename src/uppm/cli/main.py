@@ -17,6 +17,7 @@ from uppm.cli.evaluate_retrieval import evaluate_retrieval_command
 from uppm.cli.export import export
 from uppm.cli.info import info
 from uppm.cli.map import map_command
+from uppm.cli.models import models_app
 from uppm.cli.query import query
 from uppm.core.errors import UppmError
 
@@ -31,6 +32,7 @@ app.command()(demo)
 app.add_typer(evaluate_app, name="evaluate")
 app.add_typer(bench_app, name="bench")
 app.add_typer(convert_app, name="convert")
+app.add_typer(models_app, name="models")
 
 
 def _version(wanted: bool) -> None:

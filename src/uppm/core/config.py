@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -10,6 +10,33 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from uppm.core.errors import ConfigError
+
+PROFILES: Mapping[str, Mapping[str, str | None]] = {
+    "foundation": {
+        "captioner": "tag2text",
+        "detector": "grounding_dino",
+        "detector_model": "grounding-dino-tiny",
+        "masks": "sam",
+        "masks_model": "sam-vit-huge",
+    },
+    "foundation-light": {
+        "captioner": "tag2text",
+        "detector": "grounding_dino",
+        "detector_model": "grounding-dino-tiny",
+        "masks": "sam2",
+        "masks_model": "sam2.1-hiera-tiny",
+    },
+}
+"""Profile -> its defaults of other settings of `PerceptionConfig`, where they are not those of `embedded`."""
+
+
+def _of_profile(name: str, otherwise: str | None) -> Any:
+    """A default that depends on the profile, so that naming a profile names its back ends."""
+
+    def default(given: dict[str, Any]) -> str | None:
+        return PROFILES.get(str(given.get("profile")), {}).get(name, otherwise)
+
+    return Field(default_factory=default)
 
 
 class Section(BaseModel):
@@ -45,10 +72,24 @@ class PerceptionConfig(Section):
     """Folder of id images for the profile `precomputed`."""
     up: Literal["auto", "+x", "-x", "+y", "-y", "+z", "-z"] = "auto"
     """The map's up axis; auto: from the dominant floor."""
-    detector: str = "nanodet"
+    captioner: str = _of_profile("captioner", "none")
+    """Name in `uppm.perception.registry`, or `none`: the segmenter brings its own vocabulary."""
+    captioner_model: str | None = _of_profile("captioner_model", None)
+    """Name in `uppm models list`; None: the back end's first there."""
+    detector: str = _of_profile("detector", "nanodet")
     """Name in `uppm.perception.registry`."""
-    masks: str = "geometric"
+    detector_model: str | None = _of_profile("detector_model", None)
+    """Name in `uppm models list`; None: the back end's first there."""
+    masks: str = _of_profile("masks", "geometric")
     """Name in `uppm.perception.registry`."""
+    masks_model: str | None = _of_profile("masks_model", None)
+    """Name in `uppm models list`; None: the back end's first there."""
+    device: str = Field(default="auto", pattern=r"^(auto|cpu|cuda(:\d+)?)$")
+    """Of the torch back ends: auto, cpu, cuda or cuda:N; auto: cuda where there is one."""
+    precision: Literal["auto", "float32", "float16", "bfloat16"] = "auto"
+    """Of the torch back ends; auto: float16 on cuda, else float32."""
+    compile: bool = False
+    """`torch.compile` the torch back ends: minutes at the first frame, faster ones after it."""
     detector_score: float = Field(default=0.4, ge=0, le=1)
     detector_nms_iou: float = Field(default=0.6, ge=0, le=1)
     nms: Literal["custom", "classic", "none"] = "custom"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -48,6 +48,13 @@ class Segmenter(Protocol):
         ...
 
     def segment(self, frame: Frame, labels: Sequence[Label]) -> PanopticSegmentation: ...
+
+
+@runtime_checkable
+class Closable(Protocol):
+    """A back end that holds memory or a device until it is closed."""
+
+    def close(self) -> None: ...
 
 
 class Detector(Protocol):

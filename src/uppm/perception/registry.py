@@ -15,6 +15,7 @@ from typing import Any
 from uppm.core.config import PerceptionConfig
 from uppm.core.errors import ConfigError
 from uppm.core.protocols import Detector, MaskGenerator, Segmenter
+from uppm.perception.models.table import MODELS, model_spec
 
 SEGMENTERS = {
     "embedded": "uppm.perception.segmentation.embedded:EmbeddedSegmenter",
@@ -42,6 +43,21 @@ def create_detector(config: PerceptionConfig) -> Detector:
 def create_mask_generator(config: PerceptionConfig) -> MaskGenerator:
     """The mask generator of `config.masks`; raises ConfigError for an unknown name."""
     return _create("perception.masks", config.masks, MASK_GENERATORS, "uppm.masks", config)
+
+
+def models_of_profile(profile: str) -> list[str]:
+    """Names of the models (`uppm models list`) that a profile needs with its default settings."""
+    config = PerceptionConfig(profile=profile)
+    parts = ((config.captioner, config.captioner_model), (config.detector, config.detector_model))
+    chosen = [model_of(back_end, model) for back_end, model in (*parts, (config.masks, config.masks_model))]
+    return [name for name in chosen if name]
+
+
+def model_of(back_end: str, model: str | None) -> str | None:
+    """The model that a back end loads: the one that is set, else its first in the table; None: it needs none."""
+    if model is not None:
+        return model_spec(model).name
+    return next((spec.name for spec in MODELS.values() if spec.back_end == back_end), None)
 
 
 def _create(setting: str, name: str, table: Mapping[str, str], group: str, config: PerceptionConfig) -> Any:

@@ -6,12 +6,15 @@ import hashlib
 import io
 import os
 import zipfile
+from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
-import huggingface_hub
+import huggingface_hub.constants
 import pytest
 
 from uppm.core.errors import InputError, UppmError
+from uppm.perception.models.table import MODELS, ModelSpec
 from uppm.perception.retrieval import weights
 
 CONTENT = b"not really weights" * 1000
@@ -20,16 +23,14 @@ CONTENT = b"not really weights" * 1000
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty cache, no wheels, no models, no hub, and a small official file."""
-
-    def no_hub(*_: object, **__: object) -> str:
-        raise OSError("no route to host")
-
     for name in ("UPPM_MODELS", "UPPM_OFFLINE", "HF_HUB_OFFLINE"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("UPPM_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(huggingface_hub.constants, "HF_HUB_CACHE", str(tmp_path / "hub"))
+    monkeypatch.setattr(huggingface_hub.constants, "ENDPOINT", "http://127.0.0.1:9")
     monkeypatch.setattr(weights, "_wheel_part", lambda _: None)
-    monkeypatch.setattr(huggingface_hub, "snapshot_download", no_hub)
-    monkeypatch.setattr(weights.verify, "__defaults__", (hashlib.sha256(CONTENT).hexdigest(),))
+    small = replace(MODELS[weights.MODEL], sha256={weights.WEIGHTS: hashlib.sha256(CONTENT).hexdigest()})
+    monkeypatch.setitem(cast("dict[str, ModelSpec]", MODELS), weights.MODEL, small)
     return tmp_path
 
 
@@ -57,7 +58,13 @@ def test_nowhere_names_the_three_places_and_commands(place: Path) -> None:
     with pytest.raises(UppmError) as caught:
         weights.model_folder()
     message = str(caught.value)
-    for words in ("0 of the 5 wheels", "UPPM_MODELS is not set", "hub failed", "requirements/mpnet.txt", "uppm[mpnet]"):
+    for words in (
+        "0 of the 5 wheels",
+        "UPPM_MODELS is not set",
+        "the hub failed",
+        "requirements/mpnet.txt",
+        "uppm[mpnet]",
+    ):
         assert words in message
     assert "\n" not in message
 
@@ -89,20 +96,18 @@ def test_the_models_folder_comes_before_the_hub(place: Path, monkeypatch: pytest
 
 
 def test_the_hub_comes_last_and_is_not_asked_offline(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[bool] = []
+    asked: list[str] = []
 
-    def hub(name: str, *, allow_patterns: list[str], local_files_only: bool) -> str:
-        assert name == weights.HUB_NAME
-        assert weights.WEIGHTS in allow_patterns
-        asked.append(local_files_only)
-        return str(place / "hub")
+    def fetch(name: str) -> Path:
+        asked.append(name)
+        return write_model(place / "fetched")
 
-    write_model(place / "hub")
-    monkeypatch.setattr(huggingface_hub, "snapshot_download", hub)
-    assert weights.model_folder() == place / "hub"
+    monkeypatch.setattr(weights.store, "fetch", fetch)
+    assert weights.model_folder() == place / "fetched"
     monkeypatch.setenv("UPPM_OFFLINE", "1")
-    weights.model_folder()
-    assert asked == [False, True]
+    with pytest.raises(UppmError, match="not in the hub's cache"):
+        weights.model_folder()
+    assert asked == [weights.MODEL]
 
 
 def test_a_corrupt_file_is_named_with_both_sums(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -115,10 +120,11 @@ def test_a_corrupt_file_is_named_with_both_sums(place: Path, monkeypatch: pytest
     assert hashlib.sha256(CONTENT[:-1] + b"!").hexdigest() in caught.value.found
 
 
-def test_a_file_changed_after_it_was_verified_is_read_again(place: Path) -> None:
-    file = write_model(place / "model") / weights.WEIGHTS
-    weights.verify(file)
+def test_a_file_changed_after_it_was_verified_is_read_again(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = write_model(place / "models" / weights.MODEL) / weights.WEIGHTS
+    monkeypatch.setenv("UPPM_MODELS", str(place / "models"))
+    weights.model_folder()
     file.write_bytes(CONTENT[::-1])
     os.utime(file, ns=(1, 1))
     with pytest.raises(InputError, match="sha256"):
-        weights.verify(file)
+        weights.model_folder()

@@ -1,0 +1,144 @@
+"""Device, precision, falling back and releasing, with toy networks; no CUDA is needed."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.perception.models.conftest import NAME
+from uppm.core.config import PerceptionConfig
+from uppm.core.errors import ConfigError, InputError, MissingExtraError, UppmError
+from uppm.perception.models.network import COMMAND, Loaded, Network, Weights, import_torch
+from uppm.perception.models.store import RANDOM_MARKER
+
+torch = pytest.importorskip("torch", reason=f"torch is not installed: {COMMAND}", exc_type=ImportError)
+
+
+@pytest.fixture
+def models(machine: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A models folder with two sizes of SAM, weights to be drawn."""
+    for name in ("sam-vit-large", NAME):
+        folder = machine / "models" / name
+        folder.mkdir(parents=True)
+        (folder / RANDOM_MARKER).write_text(json.dumps({"seed": 1}))
+    monkeypatch.setenv("UPPM_MODELS", str(machine / "models"))
+    return machine / "models"
+
+
+def load(weights: Weights) -> tuple[Any, str]:
+    return torch.nn.Conv2d(3, 4, 1), weights.name
+
+
+def out_of_memory(loaded: Loaded[str]) -> str:
+    raise torch.OutOfMemoryError("no room")
+
+
+@pytest.mark.filterwarnings("ignore:the weights of")
+def test_a_network_is_loaded_once_and_again_after_close(models: Path) -> None:
+    loads: list[str] = []
+
+    def counted(weights: Weights) -> tuple[Any, str]:
+        loads.append(weights.name)
+        return load(weights)
+
+    network = Network(PerceptionConfig(), NAME, counted)
+    assert loads == []
+    for _ in range(2):
+        assert network.run(lambda loaded: (loaded.name, loaded.device.type)) == (NAME, "cpu")
+    network.close()
+    network.run(lambda loaded: loaded.name)
+    assert loads == [NAME, NAME]
+
+
+@pytest.mark.filterwarnings("ignore:the weights of")
+@pytest.mark.parametrize(("precision", "kept"), [("auto", "float32"), ("bfloat16", "bfloat16")])
+def test_arrays_and_weights_take_the_precision(models: Path, precision: Any, kept: str) -> None:
+    network = Network(PerceptionConfig(precision=precision), NAME, load)
+
+    def use(loaded: Loaded[str]) -> tuple[str, str, bool]:
+        image = loaded.tensor(np.ones((1, 3, 5, 7), dtype=np.float32))
+        out = loaded.module(image)
+        return str(out.dtype), str(loaded.tensor(np.arange(3)).dtype), out.requires_grad
+
+    assert network.run(use) == (f"torch.{kept}", "torch.int64", False)
+
+
+def test_random_weights_are_warned_of(models: Path) -> None:
+    with pytest.warns(UserWarning, match=f"the weights of {NAME} are random"):
+        Network(PerceptionConfig(), NAME, load).run(lambda loaded: None)
+
+
+@pytest.mark.filterwarnings("ignore:the weights of")
+def test_where_memory_ends_a_smaller_model_then_the_cpu_take_over(
+    models: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    network = Network(PerceptionConfig(), "sam-vit-large", load)
+    # As on a machine with a GPU; the CPU plays its part.
+    cpu = torch.device("cpu")
+    monkeypatch.setattr(network, "_steps", iter([(NAME, cpu), ("sam-vit-large", cpu)]))
+    left = [2]
+
+    def use(loaded: Loaded[str]) -> str:
+        if left[0]:
+            left[0] -= 1
+            raise torch.OutOfMemoryError("no room")
+        return loaded.helper
+
+    with pytest.warns(UserWarning, match="does not fit") as warned:
+        assert network.run(use) == "sam-vit-large"
+    steps = [str(w.message) for w in warned if "does not fit" in str(w.message)]
+    assert steps == [
+        f"sam-vit-large does not fit into the memory of cpu; going on with {NAME} on cpu",
+        f"{NAME} does not fit into the memory of cpu; going on with sam-vit-large on cpu",
+    ]
+
+
+@pytest.mark.filterwarnings("ignore:the weights of")
+def test_the_ladder_goes_down_the_family_and_ends_on_the_cpu(models: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    network = Network(PerceptionConfig(), "sam-vit-large", load)
+    monkeypatch.setattr(network, "_first_device", lambda: torch.device("cuda"))
+    steps = [(name, device.type) for name, device in network._ladder("sam-vit-huge")]
+    assert steps == [("sam-vit-huge", "cuda"), ("sam-vit-large", "cuda"), (NAME, "cuda"), ("sam-vit-huge", "cpu")]
+
+
+@pytest.mark.filterwarnings("ignore:the weights of")
+def test_without_any_step_left_it_is_an_error(models: Path) -> None:
+    with pytest.raises(UppmError, match="take a smaller model"):
+        Network(PerceptionConfig(), NAME, load).run(out_of_memory)
+
+
+def test_a_device_that_is_not_there(models: Path) -> None:
+    if torch.cuda.is_available():
+        pytest.skip("this machine has a GPU")
+    with pytest.raises(ConfigError, match=r"perception\.device: expected cuda, found no such device"):
+        Network(PerceptionConfig(device="cuda"), NAME, load)
+
+
+@pytest.mark.filterwarnings("ignore:the weights of")
+def test_compiling_is_an_option(models: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiled: list[str] = []
+    monkeypatch.setattr(torch.nn.Module, "compile", lambda self: compiled.append(type(self).__name__))
+    for wanted in (False, True):
+        Network(PerceptionConfig(compile=wanted), NAME, load).run(lambda loaded: None)
+    assert compiled == ["Conv2d"]
+
+
+def test_keys_that_do_not_fit_are_named(models: Path) -> None:
+    weights = Weights(name=NAME, folder=models / NAME)
+    linear = torch.nn.Linear(3, 2)
+    state = {"weight": torch.zeros(2, 2), "gamma": torch.zeros(1)}
+    with pytest.raises(InputError) as caught:
+        weights.load_strictly(linear, state)
+    assert caught.value.found == "keys: 1 missing (bias); 1 unexpected (gamma); 1 mismatched (weight)"
+    assert caught.value.source == str(models / NAME / "model.safetensors")
+
+
+def test_without_torch_the_command_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "torch", None)
+    with pytest.raises(MissingExtraError, match=r"torch .* pip install 'uppm\[foundation\]'"):
+        import_torch()
