@@ -7,7 +7,6 @@ import pytest
 
 from tests.scenes import CAMERA, Box, Plane, Sphere, look_at, render
 from uppm._kernels import reference
-from uppm._kernels.camera import PARTS, segment_pixels
 from uppm.core.geometry import invert
 from uppm.core.geometry import rays as make_rays
 from uppm.fusion.view import ViewFactory
@@ -121,25 +120,23 @@ def test_incidence_agrees(fused: Fused) -> None:
     assert expected.min() < 0.6
 
 
-def test_prepared_depth_and_segment_pixels_agree(fused: Fused) -> None:
-    frame, ids, _ = fused.frame(EYES[1])
+def test_prepared_depth_agrees(fused: Fused) -> None:
+    frame, _, _ = fused.frame(EYES[1])
     view = ViewFactory(0.5, 2.0).view(frame)
     depth, ranges = reference.prepare_depth(frame.depth, np.linalg.norm(RAYS, axis=2), 0.5, 2.0)
     np.testing.assert_array_equal(view.depth, depth)
     np.testing.assert_allclose(view.range_image, ranges, rtol=1e-6)
     assert view.tile_max[2, 3] == depth[32:48, 48:64].max()
-    pixels, total = np.zeros((PARTS, 4), dtype=np.int64), np.zeros((PARTS, 4))
-    segment_pixels(ids, view.depth, pixels, total)
-    expected = reference.segment_pixels(ids, view.depth, 3)
-    np.testing.assert_array_equal(pixels.sum(axis=0), expected[0])
-    np.testing.assert_allclose(total.sum(axis=0), expected[1])
 
 
 def test_overlap_and_expectation_agree(fused: Fused) -> None:
     frame, ids, _ = fused.frame(EYES[2])
     view = fused.factory.view(frame)
     visible = fused.volume.visible(view, fused.slots)
-    overlap = fused.volume.overlap(view, visible, fused.slots, ids, 3)
+    overlap, pixels, depth = fused.volume.overlap(view, visible, fused.slots, ids, 3)
+    measured = reference.segment_pixels(ids, view.depth, 3)
+    np.testing.assert_array_equal(pixels, measured[0][1:])
+    np.testing.assert_allclose(depth, measured[1][1:] / measured[0][1:])
     expected = fused.volume.expected(view, visible.blocks, fused.slots)
     for n, size in enumerate(SIZES):
         T = view.T_camera_map @ fused.poses[n]

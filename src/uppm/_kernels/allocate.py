@@ -19,6 +19,8 @@ from uppm._kernels.hashing import (
 
 STRIPES = 16
 """Fixed, so that the order of new blocks does not depend on the number of threads."""
+NOWHERE = np.int32(-(1 << 31))
+"""In place of a block coordinate: the pixel has no depth or no submap."""
 
 
 @nb.njit(inline="always")
@@ -32,12 +34,12 @@ def band_end(R, t, dx, dy, dz, distance, inv_side):
     return a, b, c
 
 
-@nb.njit(cache=True)
-def band_blocks(first, last, depth, range_image, ray_x, b, R, t, band, inv_side, ends):
+@nb.njit(cache=True, error_model="numpy")
+def band_blocks(first, last, depth, ray_x, b, R, t, band, inv_side, ends):
     """Block coordinates of the near and far band ends of pixels [first, last) of a row; ends (6, W) is written.
 
     The ray of pixel u is (ray_x[u], b, 1). Without branches, so that it is compiled to vector instructions. A pixel
-    without depth gives the camera's block.
+    without depth gives NOWHERE.
     """
     m00, m01, m02 = R[0, 0] * inv_side, R[1, 0] * inv_side, R[2, 0] * inv_side
     m10, m11, m12 = R[0, 1] * inv_side, R[1, 1] * inv_side, R[2, 1] * inv_side
@@ -45,29 +47,33 @@ def band_blocks(first, last, depth, range_image, ray_x, b, R, t, band, inv_side,
     ox = m00 * t[0] + m01 * t[1] + m02 * t[2]
     oy = m10 * t[0] + m11 * t[1] + m12 * t[2]
     oz = m20 * t[0] + m21 * t[1] + m22 * t[2]
-    for u in range(first, last):
-        d = depth[u]
-        step = band * d / max(range_image[u], np.float32(1e-6))
-        a = ray_x[u]
-        x = m00 * a + m01 * b + m02
-        y = m10 * a + m11 * b + m12
-        z = m20 * a + m21 * b + m22
+    x0, y0, z0, x1, y1, z1 = ends[0], ends[1], ends[2], ends[3], ends[4], ends[5]
+    bx, by, bz, bb = m01 * b + m02, m11 * b + m12, m21 * b + m22, b * b + np.float32(1.0)
+    for n in range(last - first):
+        u = np.uint64(first + n)
+        a, d = ray_x[u], depth[u]
+        step = band / np.sqrt(a * a + bb)
+        x, y, z = m00 * a + bx, m10 * a + by, m20 * a + bz
         near, far = d - step, d + step
-        ends[0, u] = np.int32(np.floor(x * near - ox))
-        ends[1, u] = np.int32(np.floor(y * near - oy))
-        ends[2, u] = np.int32(np.floor(z * near - oz))
-        ends[3, u] = np.int32(np.floor(x * far - ox))
-        ends[4, u] = np.int32(np.floor(y * far - oy))
-        ends[5, u] = np.int32(np.floor(z * far - oz))
+        valid = d > np.float32(0.0)
+        x0[u] = np.int32(np.floor(x * near - ox)) if valid else NOWHERE
+        y0[u] = np.int32(np.floor(y * near - oy))
+        z0[u] = np.int32(np.floor(z * near - oz))
+        x1[u] = np.int32(np.floor(x * far - ox))
+        y1[u] = np.int32(np.floor(y * far - oy))
+        z1[u] = np.int32(np.floor(z * far - oz))
 
 
-@nb.njit(inline="always")
-def same_ends(a, u, b, v):
-    """Whether column u of a (6, W) equals column v of b."""
-    return (
-        a[0, u] == b[0, v] and a[1, u] == b[1, v] and a[2, u] == b[2, v]
-        and a[3, u] == b[3, v] and a[4, u] == b[4, v] and a[5, u] == b[5, v]
-    )  # fmt: skip
+@nb.njit(cache=True)
+def differs(ends, slots, others, other_slots, shift, out):
+    """out[u]: whether pixel u of a row has another slot or other band ends than pixel u - shift of another row."""
+    a0, a1, a2, a3, a4, a5 = ends[0], ends[1], ends[2], ends[3], ends[4], ends[5]
+    b0, b1, b2, b3, b4, b5 = others[0], others[1], others[2], others[3], others[4], others[5]
+    for n in range(out.shape[0] - shift):
+        v = np.uint64(n)
+        u = np.uint64(n + shift)
+        same = (a0[u] == b0[v]) & (a1[u] == b1[v]) & (a2[u] == b2[v]) & (a3[u] == b3[v]) & (a4[u] == b4[v])
+        out[u] = not (same & (a5[u] == b5[v]) & (slots[u] == other_slots[v]))
 
 
 @nb.njit(cache=True)
@@ -85,9 +91,26 @@ def add_missing(slot, ends, u, keys, values, chunk_blocks, out, count):
     return count
 
 
+@nb.njit(cache=True)
+def row_ends(depth, ray_x, ray_y, slots, rotations, translations, voxel_sizes, truncations, ends):
+    """`band_blocks` for a row, one run of pixels with the same slot after the other; NOWHERE where there is none."""
+    first = 0
+    while first < depth.shape[0]:
+        slot, last = slots[first], first + 1
+        while last < depth.shape[0] and slots[last] == slot:
+            last += 1
+        if slot >= 0:
+            inv_side = np.float32(1.0) / (voxel_sizes[slot] * np.float32(8.0))
+            R, t, band = rotations[slot], translations[slot], truncations[slot]
+            band_blocks(first, last, depth, ray_x, ray_y, R, t, band, inv_side, ends)
+        else:
+            ends[0, first:last] = NOWHERE
+        first = last
+
+
 @nb.njit(cache=True, parallel=True)
 def missing_blocks(
-    depth, range_image, ray_x, ray_y, slot_image, keys, values, chunk_blocks,
+    depth, ray_x, ray_y, slot_image, keys, values, chunk_blocks,
     rotations, translations, voxel_sizes, truncations, out, counts,
 ):  # fmt: skip
     """Blocks that the truncation bands touch and that do not exist.
@@ -97,35 +120,20 @@ def missing_blocks(
     to their left or above are skipped. out (STRIPES, N, 4) takes (slot, bx, by, bz), counts (STRIPES,) their number;
     repeats are possible. A stripe that is full stops: the caller grows `out` and calls again.
     """
-    height, width = range_image.shape
+    height, width = depth.shape
     for stripe in nb.prange(STRIPES):
         count = 0
-        ends, above = np.empty((6, width), dtype=np.int32), np.full((6, width), -1, dtype=np.int32)
+        ends, above = np.empty((6, width), dtype=np.int32), np.full((6, width), NOWHERE, dtype=np.int32)
+        left_new, new = np.ones(width, dtype=np.bool_), np.ones(width, dtype=np.bool_)
         start = stripe * height // STRIPES
         for row in range(start, (stripe + 1) * height // STRIPES):
-            first = 0
-            while first < width:
-                slot = slot_image[row, first]
-                last = first + 1
-                while last < width and slot_image[row, last] == slot:
-                    last += 1
-                if slot >= 0:
-                    inv_side = np.float32(1.0) / (voxel_sizes[slot] * np.float32(8.0))
-                    band_blocks(
-                        first, last, depth[row], range_image[row], ray_x, ray_y[row],
-                        rotations[slot], translations[slot], truncations[slot], inv_side, ends,
-                    )  # fmt: skip
-                    before = -1
-                    for u in range(first, last):
-                        if range_image[row, u] <= np.float32(0.0):
-                            continue
-                        known = before >= 0 and same_ends(ends, u, ends, before)
-                        if not known and row > start and slot_image[row - 1, u] == slot:
-                            known = range_image[row - 1, u] > np.float32(0.0) and same_ends(ends, u, above, u)
-                        if not known:
-                            count = add_missing(slot, ends, u, keys, values, chunk_blocks, out[stripe], count)
-                        before = u
-                first = last
+            slots = slot_image[row]
+            row_ends(depth[row], ray_x, ray_y[row], slots, rotations, translations, voxel_sizes, truncations, ends)
+            differs(ends, slots, ends, slots, 1, left_new)
+            differs(ends, slots, above, slot_image[max(row - 1, start)], 0, new)
+            for u in range(width):
+                if new[u] & left_new[u] & (ends[0, u] != NOWHERE):
+                    count = add_missing(slots[u], ends, u, keys, values, chunk_blocks, out[stripe], count)
             ends, above = above, ends
         counts[stripe] = count
 

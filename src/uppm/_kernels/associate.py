@@ -10,64 +10,110 @@ from uppm._kernels.hashing import NONE, find_block
 from uppm._kernels.integrate import belongs
 
 SIDE = 8
+VOXELS = SIDE**3
 FULL = np.float32(32767.0)
 
 
-@nb.njit(inline="always")
-def voxel_at(x, y, z, R, t, inv_size):
-    """Voxel coordinates of a point of frame camera in a submap's grid; R, t: T_camera_submap."""
-    x, y, z = x - t[0], y - t[1], z - t[2]
-    i = np.int32(np.floor((R[0, 0] * x + R[1, 0] * y + R[2, 0] * z) * inv_size))
-    j = np.int32(np.floor((R[0, 1] * x + R[1, 1] * y + R[2, 1] * z) * inv_size))
-    k = np.int32(np.floor((R[0, 2] * x + R[1, 2] * y + R[2, 2] * z) * inv_size))
-    return i, j, k
+@nb.njit(cache=True)
+def tile_points(first_row, first_column, depth, ray_x, ray_y, ids, stride, points, segments):
+    """Measured points (3, N), frame camera, and segment ids (N,) of a tile's pixels with depth; their number."""
+    xs, ys, zs = points[0], points[1], points[2]
+    count = 0
+    for v in range(first_row, min(depth.shape[0], first_row + TILE), stride):
+        for u in range(first_column, min(depth.shape[1], first_column + TILE), stride):
+            d = depth[v, u]
+            xs[count], ys[count], zs[count], segments[count] = ray_x[u] * d, ray_y[v] * d, d, ids[v, u]
+            count += d > np.float32(0.0)
+    return count
+
+
+@nb.njit(cache=True)
+def measure(count, depths, segments, pixels, total):
+    """Add the number of points of each segment (N,), and their depth, to pixels and total (segments + 1,)."""
+    first = 0
+    while first < count:
+        segment, last, depth = segments[first], first, 0.0
+        while last < count and segments[last] == segment:
+            depth += depths[last]
+            last += 1
+        pixels[segment] += last - first
+        total[segment] += depth
+        first = last
+
+
+@nb.njit(cache=True)
+def voxels_of(points, count, R, t, inv_size, blocks, inside):
+    """Block coordinates (3, N) and index within the block (N,) of points (3, N) in a submap; R, t: T_camera_submap.
+
+    Without branches, so that it is compiled to vector instructions.
+    """
+    xs, ys, zs = points[0], points[1], points[2]
+    bx, by, bz = blocks[0], blocks[1], blocks[2]
+    r00, r10, r20 = R[0, 0] * inv_size, R[1, 0] * inv_size, R[2, 0] * inv_size
+    r01, r11, r21 = R[0, 1] * inv_size, R[1, 1] * inv_size, R[2, 1] * inv_size
+    r02, r12, r22 = R[0, 2] * inv_size, R[1, 2] * inv_size, R[2, 2] * inv_size
+    t0, t1, t2 = t[0], t[1], t[2]
+    for n in range(count):
+        x, y, z = xs[n] - t0, ys[n] - t1, zs[n] - t2
+        i = np.int32(np.floor(r00 * x + r10 * y + r20 * z))
+        j = np.int32(np.floor(r01 * x + r11 * y + r21 * z))
+        k = np.int32(np.floor(r02 * x + r12 * y + r22 * z))
+        bx[n], by[n], bz[n] = i >> 3, j >> 3, k >> 3
+        inside[n] = ((i & 7) << 6) | ((j & 7) << 3) | (k & 7)
+
+
+@nb.njit(cache=True)
+def count_hits(
+    slot, count, blocks, inside, segments, keys, values, chunk_blocks, limit, distance, weight, belonging, counts
+):  # fmt: skip
+    """Add the points (N,) that fall on a submap's surface to counts (segments + 1,)."""
+    xs, ys, zs = blocks[0], blocks[1], blocks[2]
+    bx, by, bz, block = np.int32(1 << 30), np.int32(0), np.int32(0), NONE
+    for n in range(count):
+        if xs[n] != bx or ys[n] != by or zs[n] != bz:
+            bx, by, bz = xs[n], ys[n], zs[n]
+            block = find_block(keys, values, chunk_blocks, slot, bx, by, bz)
+        if block != NONE:
+            b, at = np.uint64(block), np.uint32(inside[n])
+            if abs(np.int32(distance[b, at])) <= limit and weight[b, at] > np.float32(0.0):
+                mine = belonging[b, at, 0]
+                counts[segments[n]] += (mine > 0) & (mine >= belonging[b, at, 1])
 
 
 @nb.njit(cache=True, parallel=True)
 def count_overlap(
     tile_slots, tile_count, rows, depth, ray_x, ray_y, ids, stride, keys, values, chunk_blocks,
-    rotations, translations, voxel_sizes, truncations, distance, weight, belonging, counts,
+    rotations, translations, voxel_sizes, truncations, distance, weight, belonging, counts, pixels, total,
 ):  # fmt: skip
     """Count pixels by submap and segment where the measured point lies on the submap's surface.
 
     A submap is rendered at a pixel whose measured point falls into a voxel that it owns (weight > 0, belongs) at most
     one voxel from its surface: an inverse rendering with the depth test built in, which leaves no holes.
     tile_slots, tile_count: candidates of each depth tile (`visible_blocks`); rows[slot]: the submap's row in `counts`
-    or NONE. Every stride-th pixel both ways. counts (PARTS, submaps, segments + 1) int32 is added to, column 0 for
-    unlabeled pixels.
+    or NONE. Every stride-th pixel both ways. Added to, column 0 for unlabeled pixels: counts (PARTS, submaps, segments
+    + 1) int32; pixels (PARTS, segments + 1) int64, each segment's with depth; total, float64, the sum of their depths.
     """
-    height, width = depth.shape
     n_rows = tile_count.shape[0]
+    distances, weights = distance.reshape((-1, VOXELS)), weight.reshape((-1, VOXELS))
+    owners = belonging.reshape((-1, VOXELS, 2))
     for part in nb.prange(PARTS):
+        points, segments = np.empty((3, TILE * TILE), dtype=np.float32), np.empty(TILE * TILE, dtype=np.int32)
+        blocks, inside = np.empty((3, TILE * TILE), dtype=np.int32), np.empty(TILE * TILE, dtype=np.int32)
         for ty in range(part, n_rows, PARTS):
             for tx in range(tile_count.shape[1]):
+                n = tile_points(ty * TILE, tx * TILE, depth, ray_x, ray_y, ids, stride, points, segments)
+                measure(n, points[2], segments, pixels[part], total[part])
                 for c in range(tile_count[ty, tx]):
                     slot = tile_slots[ty, tx, c]
-                    row = rows[slot]
-                    if row == NONE:
+                    if rows[slot] == NONE:
                         continue
-                    R, t, size = rotations[slot], translations[slot], voxel_sizes[slot]
-                    inv_size = np.float32(1.0) / size
-                    one_voxel = np.int32(FULL * size / truncations[slot])
-                    bx, by, bz, block = np.int32(1 << 30), np.int32(0), np.int32(0), NONE
-                    for v in range(ty * TILE, min(height, (ty + 1) * TILE), stride):
-                        for u in range(tx * TILE, min(width, (tx + 1) * TILE), stride):
-                            d = depth[v, u]
-                            if d <= np.float32(0.0):
-                                continue
-                            i, j, k = voxel_at(ray_x[u] * d, ray_y[v] * d, d, R, t, inv_size)
-                            if i >> 3 != bx or j >> 3 != by or k >> 3 != bz:
-                                bx, by, bz = i >> 3, j >> 3, k >> 3
-                                block = find_block(keys, values, chunk_blocks, slot, bx, by, bz)
-                            if block == NONE:
-                                continue
-                            i, j, k = i & 7, j & 7, k & 7
-                            if weight[block, i, j, k] <= np.float32(0.0):
-                                continue
-                            if abs(np.int32(distance[block, i, j, k])) > one_voxel:
-                                continue
-                            if belongs(belonging[block, i, j, k]):
-                                counts[part, row, ids[v, u]] += 1
+                    inv_size = np.float32(1.0) / voxel_sizes[slot]
+                    limit = np.int32(FULL * voxel_sizes[slot] / truncations[slot])
+                    voxels_of(points, n, rotations[slot], translations[slot], inv_size, blocks, inside)
+                    count_hits(
+                        slot, n, blocks, inside, segments, keys, values, chunk_blocks,
+                        limit, distances, weights, owners, counts[part, rows[slot]],
+                    )  # fmt: skip
 
 
 @nb.njit(cache=True, parallel=True)

@@ -6,6 +6,7 @@ import numba as nb
 import numpy as np
 
 SIDE = 8
+VOXELS = SIDE**3
 FULL = np.float32(32767.0)
 """Fixed point of the distance: +-truncation is +-32767."""
 BEHIND = np.float32(2.0)
@@ -13,20 +14,6 @@ BEHIND = np.float32(2.0)
 MIN_Z = np.float32(0.05)
 COLOR_MEMORY = np.float32(31.0)
 """The colour is a mean over at most about so many frames: 8-bit means stop moving beyond."""
-
-
-@nb.njit(inline="always")
-def sample_range(range_image, u, v, column, row, max_step):
-    """Range at pixel coordinates (u, v): bilinear, or the nearest pixel's across a step or beside a hole; 0: none."""
-    x0, y0 = int(u), int(v)
-    x1, y1 = min(x0 + 1, range_image.shape[1] - 1), min(y0 + 1, range_image.shape[0] - 1)
-    a, b, c, d = range_image[y0, x0], range_image[y0, x1], range_image[y1, x0], range_image[y1, x1]
-    low, high = min(min(a, b), min(c, d)), max(max(a, b), max(c, d))
-    if low <= np.float32(0.0) or high - low > max_step:
-        return range_image[row, column]
-    fx, fy = u - np.float32(x0), v - np.float32(y0)
-    top, bottom = a + (b - a) * fx, c + (d - c) * fx
-    return top + (bottom - top) * fy
 
 
 @nb.njit(inline="always")
@@ -56,62 +43,144 @@ def mix_color(color, seen, gain):
 @nb.njit(cache=True)
 def holds_surface(distance, weight, belonging, limit):
     """Whether any voxel of a block (8, 8, 8) is owned and at most `limit` (fixed point) from the surface."""
-    for i in range(SIDE):
-        for j in range(SIDE):
-            for k in range(SIDE):
-                near = weight[i, j, k] > np.float32(0.0) and abs(np.int32(distance[i, j, k])) <= limit
-                if near and belongs(belonging[i, j, k]):
-                    return True
-    return False
+    d, w, b = distance.ravel(), weight.ravel(), belonging.ravel()
+    found = False
+    for n in range(VOXELS):
+        near = (abs(np.int32(d[n])) <= limit) & (w[n] > np.float32(0.0))
+        found |= near & (b[2 * n] > 0) & (b[2 * n] >= b[2 * n + 1])
+    return found
 
 
-@nb.njit(cache=True)
-def project_slab(a, coord, R, t, size, camera, u, v, inverse, far):
-    """Project the 64 voxels of a block's slab at submap coordinate a along x.
+@nb.njit(cache=True, error_model="numpy")
+def project_block(coord, R, t, size, camera, shape, inverse, far, right, down, corner, pixel, halved):
+    """Project the 512 voxel centres of a block; all outputs (512,).
 
-    Writes pixel coordinates u, v, 1 / z (0 behind the camera) and the distance from the camera, each (64,). Without
-    branches, so that it is compiled to vector instructions.
+    inverse: 1 / z, 0 where a voxel is out of the image or behind the camera; far: distance from the camera; corner:
+    index of the upper left of the four pixels around; right, down: how far from that pixel, 0 to 1; pixel, halved:
+    index of the nearest pixel, and of its place in an image of half the size. One flat loop without branches, so that
+    it is compiled to vector instructions.
     """
     fx, fy, cx, cy = camera
-    half = np.float32(0.5)
-    for j in range(SIDE):
-        b = (np.float32(coord[1] * SIDE + j) + half) * size
-        c = (np.float32(coord[2] * SIDE) + half) * size
-        x0 = R[0, 0] * a + R[0, 1] * b + R[0, 2] * c + t[0]
-        y0 = R[1, 0] * a + R[1, 1] * b + R[1, 2] * c + t[1]
-        z0 = R[2, 0] * a + R[2, 1] * b + R[2, 2] * c + t[2]
-        ax, ay, az = R[0, 2] * size, R[1, 2] * size, R[2, 2] * size
-        for k in range(SIDE):
-            step = np.float32(k)
-            x, y, z = x0 + step * ax, y0 + step * ay, z0 + step * az
-            inv_z = np.float32(1.0) / max(z, MIN_Z)
-            n = j * SIDE + k
-            u[n] = fx * x * inv_z + cx
-            v[n] = fy * y * inv_z + cy
-            inverse[n] = inv_z if z > MIN_Z else np.float32(0.0)
-            far[n] = np.sqrt(x * x + y * y + z * z)
+    half, one, zero = np.float32(0.5), np.float32(1.0), np.float32(0.0)
+    width, half_width = np.int32(shape[1]), np.int32((shape[1] + 1) // 2)
+    last_u, last_v = np.float32(shape[1] - 1), np.float32(shape[0] - 1)
+    last_x, last_y = np.int32(max(shape[1] - 2, 0)), np.int32(max(shape[0] - 2, 0))
+    a0, b0, c0 = np.float32(coord[0] * SIDE), np.float32(coord[1] * SIDE), np.float32(coord[2] * SIDE)
+    r00, r01, r02, t0 = R[0, 0], R[0, 1], R[0, 2], t[0]
+    r10, r11, r12, t1 = R[1, 0], R[1, 1], R[1, 2], t[1]
+    r20, r21, r22, t2 = R[2, 0], R[2, 1], R[2, 2], t[2]
+    for m in range(VOXELS):
+        n = np.int32(m)
+        a = (a0 + np.float32(n >> 6) + half) * size
+        b = (b0 + np.float32((n >> 3) & 7) + half) * size
+        c = (c0 + np.float32(n & 7) + half) * size
+        x = r00 * a + r01 * b + r02 * c + t0
+        y = r10 * a + r11 * b + r12 * c + t1
+        z = r20 * a + r21 * b + r22 * c + t2
+        inv_z = one / (z if z > MIN_Z else MIN_Z)
+        u, v = fx * x * inv_z + cx, fy * y * inv_z + cy
+        inside = (u >= zero) & (v >= zero) & (u <= last_u) & (v <= last_v) & (z > MIN_Z)
+        u, v = u if inside else zero, v if inside else zero
+        x0, y0 = np.int32(u), np.int32(v)
+        x0, y0 = x0 if x0 < last_x else last_x, y0 if y0 < last_y else last_y
+        column, row = np.int32(u + half), np.int32(v + half)
+        inverse[m] = inv_z if inside else zero
+        far[m] = np.sqrt(x * x + y * y + z * z)
+        right[m], down[m] = u - np.float32(x0), v - np.float32(y0)
+        corner[m], pixel[m] = y0 * width + x0, row * width + column
+        halved[m] = (row >> 1) * half_width + (column >> 1)
 
 
-@nb.njit(inline="always")
-def signed_distance(range_image, cosine, u, v, column, row, far, band, max_step):
-    """Distance of a voxel in front of the measured surface; band where more, below -band where not to be updated.
+@nb.njit(cache=True, error_model="numpy")
+def gather(range_image, cosine, corner, halved, four, incidence):
+    """The four range pixels around each voxel's, (4, 512), and the cosine at its pixel (512,)."""
+    pixels, cosines = range_image.ravel(), cosine.ravel()
+    right, below = min(1, range_image.shape[1] - 1), min(1, range_image.shape[0] - 1) * range_image.shape[1]
+    b_pixels, c_pixels, d_pixels = pixels[right:], pixels[below:], pixels[right + below :]
+    a, b, c, d = four[0], four[1], four[2], four[3]
+    for n in range(VOXELS):
+        # Unsigned: no check for an index from the end.
+        at = np.uint32(corner[n])
+        a[n], b[n], c[n], d[n] = pixels[at], b_pixels[at], c_pixels[at], d_pixels[at]
+        incidence[n] = cosines[np.uint32(halved[n])]
 
-    far: the voxel's distance from the camera. Interpolation moves the range by at most max_step, so that most voxels
-    are decided by the nearest pixel.
+
+@nb.njit(cache=True, error_model="numpy")
+def signed_distances(inverse, far, right, down, four, incidence, band, max_step, sdf):
+    """Distance of each voxel in front of the measured surface, at most band; below -band where not to be updated.
+
+    The range is bilinear, or the nearest pixel's across a step or beside a hole. Returns how many are to be updated.
     """
-    nearest, incidence = range_image[row, column], cosine[row >> 1, column >> 1]
-    reach = band / incidence + max_step
-    if nearest <= np.float32(0.0) or nearest - far < -reach:
-        return np.float32(-2.0) * band
-    if nearest - far > reach:
-        return band
-    along = sample_range(range_image, u, v, column, row, max_step) - far
-    if along < -BEHIND * band:
-        return np.float32(-2.0) * band
-    return min(along * incidence, band)
+    zero, half = np.float32(0.0), np.float32(0.5)
+    a4, b4, c4, d4 = four[0], four[1], four[2], four[3]
+    live = 0
+    for n in range(VOXELS):
+        a, b, c, d = a4[n], b4[n], c4[n], d4[n]
+        left_one, right_one = (c if down[n] >= half else a), (d if down[n] >= half else b)
+        nearest = right_one if right[n] >= half else left_one
+        ab_low, ab_high = (a if a < b else b), (b if a < b else a)
+        cd_low, cd_high = (c if c < d else d), (d if c < d else c)
+        low, high = (ab_low if ab_low < cd_low else cd_low), (cd_high if ab_high < cd_high else ab_high)
+        top, bottom = a + (b - a) * right[n], c + (d - c) * right[n]
+        smooth = (low > zero) & (high - low <= max_step)
+        measured = top + (bottom - top) * down[n] if smooth else nearest
+        along = measured - far[n]
+        distance = along * incidence[n]
+        distance = distance if distance < band else band
+        hidden = (inverse[n] <= zero) | (nearest <= zero) | (along < -BEHIND * band) | (distance < -band)
+        sdf[n] = np.float32(-2.0) * band if hidden else distance
+        live += np.int32(0) if hidden else np.int32(1)
+    return live
 
 
-@nb.njit(cache=True, parallel=True)
+@nb.njit(cache=True, error_model="numpy")
+def average(sdf, inverse, area, size, band, max_weight, distance, weight, gain):
+    """Move the running means of a block's distances and weights; gain (512,) is the new one's share.
+
+    area: fx * fy * size^2, so that the weight is area / z^4 (method.md section 4).
+    """
+    scale, inv_scale = band / FULL, FULL / band
+    zero, tiny, drop = np.float32(0.0), np.float32(1e-30), np.float32(1.0) / (band - size)
+    for n in range(VOXELS):
+        s = sdf[n]
+        live = s >= -band
+        squared = inverse[n] * inverse[n]
+        w = area * squared * squared
+        w = w * (s + band) * drop if s < -size else w
+        w = w if live else zero
+        total = weight[n] + w
+        share = w / (total if total > tiny else tiny)
+        old = np.float32(distance[n]) * scale
+        new = np.rint((old + (s - old) * share) * inv_scale)
+        distance[n] = np.int16(new if live else np.float32(distance[n]))
+        weight[n] = total if total < max_weight else max_weight
+        gain[n] = share
+
+
+@nb.njit(cache=True, error_model="numpy")
+def label(sdf, pixel, gain, slot_image, color_image, slot, rest_slot, observed, size, band, color, belonging, order):
+    """Count whose surface the voxels of a block in the band showed, and colour those within a voxel of it.
+
+    order (512,): room for their numbers. A pixel without a label says nothing of whose surface it shows, but to the
+    rest, and to an object of which this frame has a segment that leaves the pixel out.
+    """
+    slots, pixels = slot_image.ravel(), color_image.reshape((-1, 3))
+    count = 0
+    for n in range(VOXELS):
+        order[count] = n
+        count += (sdf[n] >= -band) & (sdf[n] < band)
+    for i in range(count):
+        n = order[i]
+        at = np.uint32(pixel[n])
+        seen = slots[at]
+        unknown = (seen < 0 or (seen == rest_slot and slot != rest_slot)) and not observed
+        if not unknown:
+            count_belonging(belonging[n], seen == slot)
+        if (seen == slot or unknown) and sdf[n] <= size and sdf[n] >= -size:
+            mix_color(color[n], pixels[at], max(gain[n], np.float32(1.0) / COLOR_MEMORY))
+
+
+@nb.njit(cache=True, parallel=True, error_model="numpy")
 def integrate(
     blocks, range_image, cosine, slot_image, color_image, camera, max_step, max_weight,
     freespace_slot, rest_slot, observed, rotations, translations, voxel_sizes, truncations,
@@ -127,59 +196,30 @@ def integrate(
     uint8, has_surface (M,) and dirty (M,) bool of the pool are written. Colour is kept within a voxel of the surface,
     where a mesh can need it.
     """
-    height, width = range_image.shape
-    zero = np.float32(0.0)
-    right, bottom = np.float32(width - 1), np.float32(height - 1)
     focal_area = camera[0] * camera[1]
     for m in nb.prange(blocks.shape[0]):
+        room, index = np.empty((10, VOXELS), dtype=np.float32), np.empty((4, VOXELS), dtype=np.int32)
+        inverse, far, right, down, sdf, gain = room[4], room[5], room[6], room[7], room[8], room[9]
+        incidence = gain
         block = blocks[m]
         slot = block_slot[block]
-        R, t = rotations[slot], translations[slot]
         size, band = voxel_sizes[slot], truncations[slot]
-        scale, inv_scale = band / FULL, FULL / band
-        area, drop = focal_area * size * size, np.float32(1.0) / (band - size)
-        u, v = np.empty(SIDE * SIDE, dtype=np.float32), np.empty(SIDE * SIDE, dtype=np.float32)
-        inverse, far = np.empty(SIDE * SIDE, dtype=np.float32), np.empty(SIDE * SIDE, dtype=np.float32)
-        touched = False
-        for i in range(SIDE):
-            a = (np.float32(block_coord[block, 0] * SIDE + i) + np.float32(0.5)) * size
-            project_slab(a, block_coord[block], R, t, size, camera, u, v, inverse, far)
-            for n in range(SIDE * SIDE):
-                inv_z = inverse[n]
-                if not (u[n] >= zero and v[n] >= zero and u[n] <= right and v[n] <= bottom and inv_z > zero):
-                    continue
-                column, row = int(u[n] + np.float32(0.5)), int(v[n] + np.float32(0.5))
-                sdf = signed_distance(range_image, cosine, u[n], v[n], column, row, far[n], band, max_step)
-                if sdf < -band:
-                    continue
-                w = area * inv_z * inv_z * inv_z * inv_z
-                if sdf < -size:
-                    w *= (sdf + band) * drop
-                j, k = n >> 3, n & 7
-                W = weight[block, i, j, k]
-                total = W + w
-                if total <= zero:
-                    continue
-                touched = True
-                gain = w / total
-                in_band = sdf < band
-                old = np.float32(distance[block, i, j, k]) * scale
-                new = old + (sdf - old) * gain
-                distance[block, i, j, k] = np.int16(np.rint(new * inv_scale))
-                weight[block, i, j, k] = min(total, max_weight)
-                if not in_band or slot == freespace_slot:
-                    continue
-                seen = slot_image[row, column]
-                # A pixel without a label says nothing of whose surface it shows, but to the rest, and to an object of
-                # which this frame has a segment that leaves the pixel out.
-                unknown = (seen < 0 or (seen == rest_slot and slot != rest_slot)) and not observed[slot]
-                if not unknown:
-                    count_belonging(belonging[block, i, j, k], seen == slot)
-                if (seen == slot or unknown) and sdf <= size and sdf >= -size:
-                    mix_color(
-                        color[block, i, j, k], color_image[row, column], max(gain, w / min(total, w * COLOR_MEMORY))
-                    )
-        if touched:
-            dirty[block] = True
-            one_voxel = np.int32(FULL * size / band)
-            has_surface[block] = holds_surface(distance[block], weight[block], belonging[block], one_voxel)
+        project_block(
+            block_coord[block], rotations[slot], translations[slot], size, camera, range_image.shape,
+            inverse, far, right, down, index[0], index[1], index[2],
+        )  # fmt: skip
+        gather(range_image, cosine, index[0], index[2], room[:4], incidence)
+        if signed_distances(inverse, far, right, down, room[:4], incidence, band, max_step, sdf) == 0:
+            continue
+        d, w = distance[block].reshape(VOXELS), weight[block].reshape(VOXELS)
+        average(sdf, inverse, focal_area * size * size, size, band, max_weight, d, w, gain)
+        dirty[block] = True
+        if slot != freespace_slot:
+            b = belonging[block].reshape((VOXELS, 2))
+            label(
+                sdf, index[1], gain, slot_image, color_image, slot, rest_slot, observed[slot], size, band,
+                color[block].reshape((VOXELS, 3)), b, index[3],
+            )  # fmt: skip
+        has_surface[block] = holds_surface(
+            distance[block], weight[block], belonging[block], np.int32(FULL * size / band)
+        )

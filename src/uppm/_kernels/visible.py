@@ -110,10 +110,14 @@ def slots_in_tiles(slot_image, rows, present):
     for ty in nb.prange(present.shape[0]):
         present[ty] = False
         for y in range(ty * TILE, min(height, (ty + 1) * TILE)):
-            for x in range(width):
-                slot = slot_image[y, x]
+            first = 0
+            while first < width:
+                slot, last = slot_image[y, first], first + 1
+                while last < width and slot_image[y, last] == slot:
+                    last += 1
                 if slot >= 0 and rows[slot] != NONE:
-                    present[ty, x // TILE, rows[slot]] = True
+                    present[ty, first // TILE : (last - 1) // TILE + 1, rows[slot]] = True
+                first = last
 
 
 @nb.njit(cache=True)

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from numba.core import config as numba_config
 
-from uppm._kernels.camera import PARTS, look_up, segment_pixels
+from uppm._kernels.camera import look_up
 from uppm._kernels.hashing import NONE
 from uppm.core.config import FusionConfig
 from uppm.core.errors import InputError
@@ -125,8 +125,7 @@ class PanopticFusion:
         solid = tuple(s for s in self._submaps.values() if s.descriptor and s.slot in in_view)
         slots = np.array([s.slot for s in solid], dtype=np.int32)
         n = len(segmentation.descriptors)
-        overlap = self._volume.overlap(view, visible, slots, segmentation.ids, n)
-        observed, depth = _measure(segmentation.ids, view.depth, n)
+        overlap, observed, depth = self._volume.overlap(view, visible, slots, segmentation.ids, n)
         least = self._policy.least_overlap(
             [s.category_id for s in solid], [d.category.id for d in segmentation.descriptors], self._config.min_iou
         )
@@ -334,12 +333,3 @@ class PanopticFusion:
                 self._rest = self._submaps[record.id]
         self.changes()
         self.next_id = next_id
-
-
-def _measure(ids: IdImage, depth: FloatImage, segments: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
-    """Pixels with valid depth, and mean depth in metres, of each segment."""
-    pixels = np.zeros((PARTS, segments + 1), dtype=np.int64)
-    total = np.zeros((PARTS, segments + 1))
-    segment_pixels(ids, depth, pixels, total)
-    counted = pixels.sum(axis=0)[1:]
-    return counted, total.sum(axis=0)[1:] / np.maximum(counted, 1)

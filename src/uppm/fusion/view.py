@@ -14,6 +14,9 @@ from uppm.core.types import Frame, Intrinsics
 MIN_COSINE = np.float32(0.2)
 """Rays that meet a surface at less than 12 degrees are taken to meet it at that: noise makes their normals."""
 
+RENDER_WIDTH = 320
+"""Columns, about, at which submaps are rendered for association."""
+
 Camera = tuple[np.float32, np.float32, np.float32, np.float32]
 
 
@@ -44,6 +47,11 @@ class View:
     def shape(self) -> tuple[int, int]:
         height, width = self.depth.shape
         return height, width
+
+    @property
+    def stride(self) -> int:
+        """Pixels between those at which submaps are rendered and segments measured."""
+        return max(1, round(self.shape[1] / RENDER_WIDTH))
 
 
 class ViewFactory:

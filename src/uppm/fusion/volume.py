@@ -105,17 +105,22 @@ class Volume:
 
     def overlap(
         self, view: View, visible: Visible, slots: Indices, ids: npt.NDArray[np.int32], segments: int
-    ) -> npt.NDArray[np.int64]:
-        """Pixels where submap slots[i] is rendered, by segment id; (len(slots), segments + 1), in full-image pixels."""
+    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+        """Pixels where submap slots[i] is rendered, by segment id, and what the segments themselves measure.
+
+        Returns the overlap (len(slots), segments + 1), column 0 unlabeled; each segment's pixels with depth
+        (segments,); their mean depth (segments,), metres. Pixels are the full image's, counted at `view.stride`.
+        """
         p, (R, t) = self.pool, self._T_camera_submap(view)
         counts = np.zeros((PARTS, len(slots), segments + 1), dtype=np.int32)
-        stride = max(1, round(view.shape[1] / 320))
+        pixels, total = np.zeros((PARTS, segments + 1), dtype=np.int64), np.zeros((PARTS, segments + 1))
         _associate.count_overlap(
-            visible.tile_slots, visible.tile_count, self._rows(slots), view.depth, view.ray_x, view.ray_y, ids, stride,
-            p.keys, p.values, p.chunk_blocks, R, t, self._voxel_size, self._truncation,
-            p.distance, p.weight, p.belonging, counts,
+            visible.tile_slots, visible.tile_count, self._rows(slots), view.depth, view.ray_x, view.ray_y, ids,
+            view.stride, p.keys, p.values, p.chunk_blocks, R, t, self._voxel_size, self._truncation,
+            p.distance, p.weight, p.belonging, counts, pixels, total,
         )  # fmt: skip
-        return counts.sum(axis=0, dtype=np.int64) * stride**2
+        area, seen = view.stride**2, pixels.sum(axis=0)[1:]
+        return counts.sum(axis=0, dtype=np.int64) * area, seen * area, total.sum(axis=0)[1:] / np.maximum(seen, 1)
 
     def to_update(self, visible: Visible, slots: Indices, slot_image: npt.NDArray[np.int32]) -> Indices:
         """Of the visible blocks of these submaps and of freespace, those in which the frame can change a surface."""
@@ -150,7 +155,7 @@ class Volume:
         index = p.keys, p.values, p.chunk_blocks
         while True:
             _allocate.missing_blocks(
-                view.depth, view.range_image, view.ray_x, view.ray_y, slot_image, *index, R, t,
+                view.depth, view.ray_x, view.ray_y, slot_image, *index, R, t,
                 self._voxel_size, self._truncation, self._wanted, counts,
             )  # fmt: skip
             if counts.max() < self._wanted.shape[1]:
