@@ -13,8 +13,16 @@ from uppm.cli.evaluate import evaluate_app
 from uppm.core.errors import InputError
 
 KEYS = {
-    *("accuracy_cm", "completeness_cm", "chamfer_l1_cm", "chamfer_l1_half_cm", "chamfer_cm", "hausdorff_cm"),
-    *("hausdorff_95_cm", "completion_ratio_5cm", "precision_5cm", "recall_5cm", "f1_5cm", "f1_foreground_5cm"),
+    *("accuracy_cm", "completeness_cm", "chamfer_l1_cm", "chamfer_l1_half_cm", "chamfer_squared_cm2", "chamfer_cm"),
+    *(
+        "hausdorff_cm",
+        "hausdorff_95_cm",
+        "completion_ratio_5cm",
+        "precision_5cm",
+        "recall_5cm",
+        "f1_5cm",
+        "f1_foreground_5cm",
+    ),
     *("source", "ground_truth", "points_per_m2", "seed", "reconstruction_points", "ground_truth_points"),
 }
 

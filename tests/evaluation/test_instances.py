@@ -10,7 +10,7 @@ from uppm.core.types import Mesh
 from uppm.evaluation.geometry import nearest_points
 from uppm.evaluation.ground_truth import SurfaceTruth, load_surface_truth
 from uppm.evaluation.instances import InstanceMetrics, main_instances
-from uppm.evaluation.map_evaluation import evaluate_map
+from uppm.evaluation.map_evaluation import Reconstruction, evaluate_map
 from uppm.evaluation.sampling import SurfacePart, sample_parts
 
 
@@ -36,7 +36,7 @@ SOFA = SurfacePart(id=3, mesh=square(0, 2, 1), category="couch", is_object=True)
 
 
 def measured(truth: SurfaceTruth, *parts: SurfacePart) -> InstanceMetrics:
-    found = evaluate_map(parts, truth, source="map").instances
+    found = evaluate_map(Reconstruction(source="map", parts=tuple(parts)), truth).instances
     assert found is not None
     return found
 
@@ -99,21 +99,34 @@ def test_half_a_submap_on_an_instance_does_not_make_it_its_own(truth: SurfaceTru
 
 
 def test_pixels_decide_what_is_visible(truth: SurfaceTruth) -> None:
-    found = evaluate_map([FLOOR, MUG, SOFA], truth, source="map", min_pixels=1).instances
+    found = evaluate_map(
+        Reconstruction(
+            source="map",
+            parts=(
+                FLOOR,
+                MUG,
+                SOFA,
+            ),
+        ),
+        truth,
+        min_pixels=1,
+    ).instances
     assert found is not None
     assert (found.instances, found.missed_instances) == (4, 1)
-    nothing = evaluate_map([FLOOR], truth, source="map", min_pixels=10**6).instances
+    nothing = evaluate_map(Reconstruction(source="map", parts=(FLOOR,)), truth, min_pixels=10**6).instances
     assert nothing is not None
     assert nothing.instances == 0
     assert nothing.one_submap_ratio is None
 
 
 def test_a_bare_mesh_has_no_instances(truth: SurfaceTruth) -> None:
-    found = evaluate_map([SurfacePart(id=1, mesh=square(0, 0, 0))], truth, source="mesh.ply")
+    found = evaluate_map(Reconstruction(source="mesh.ply", parts=(SurfacePart(id=1, mesh=square(0, 0, 0)),)), truth)
     assert found.instances is None
     assert "accuracy_cm" in found.to_dict()
 
 
 def test_ids_start_at_one(truth: SurfaceTruth) -> None:
     with pytest.raises(InputError, match="submap ids: expected 1 or more"):
-        evaluate_map([SurfacePart(id=0, mesh=square(0, 0, 0), category="cup")], truth, source="map")
+        evaluate_map(
+            Reconstruction(source="map", parts=(SurfacePart(id=0, mesh=square(0, 0, 0), category="cup"),)), truth
+        )

@@ -16,6 +16,7 @@ import uppm
 from uppm.cli.evaluate import evaluate_app
 from uppm.core.errors import InputError
 from uppm.evaluation.instances import InstanceMetrics
+from uppm.evaluation.panmap_metrics import PanmapMetrics
 from uppm.evaluation.surface_panoptic import SurfacePanopticMetrics
 
 DEMO = Path(str(resources.files("uppm.data").joinpath("demo")))
@@ -45,7 +46,7 @@ def test_a_map_of_known_instances(map_file: Path, truth: Path) -> None:
     result = CliRunner().invoke(evaluate_app, arguments)
     assert result.exit_code == 0, result.output
     found = json.loads(result.stdout)
-    wanted = {field.name for kind in (InstanceMetrics, SurfacePanopticMetrics) for field in fields(kind)}
+    wanted = {field.name for kind in (InstanceMetrics, SurfacePanopticMetrics, PanmapMetrics) for field in fields(kind)}
     assert wanted <= set(found)
     # Six frames see the table with its chairs well, and little else.
     assert found["accuracy_cm"] < 2.5

@@ -50,10 +50,10 @@ def test_hand_computed() -> None:
     assert found.per_class["cup"].sq == pytest.approx((0.8 + 10 / 12) / 2)
     assert found.per_class["cup"].rq == 1
     assert (found.per_class["floor-wood"].fn, found.per_class["wall-wood"].fp) == (1, 1)
-    assert found.pq == pytest.approx((0.8 + 10 / 12) / 2 / 3)
-    assert found.rq == pytest.approx(1 / 3)
-    assert found.pq_things == pytest.approx((0.8 + 10 / 12) / 2)
-    assert found.pq_stuff == 0
+    assert found.all.pq == pytest.approx((0.8 + 10 / 12) / 2 / 3)
+    assert found.all.rq == pytest.approx(1 / 3)
+    assert found.things.pq == pytest.approx((0.8 + 10 / 12) / 2)
+    assert found.stuff.pq == 0
     assert (found.classes, found.classes_without_truth) == (3, 1)
 
 
@@ -62,7 +62,7 @@ def test_images_add_up() -> None:
     miss = overlaps(row(_1=4), row(_0=4), {1: thing("cup")}, {})
     found = panoptic_quality([count_matches(hit), count_matches(miss)])
     # TP 1, FN 1: RQ = 1 / 1.5.
-    assert found.pq == pytest.approx(1 / 1.5)
+    assert found.all.pq == pytest.approx(1 / 1.5)
 
 
 def test_half_is_not_a_match() -> None:
@@ -114,7 +114,7 @@ def test_what_is_known_to_be_nothing_counts_against() -> None:
 
 def test_without_anything() -> None:
     found = panoptic_quality([count_matches(overlaps(row(_0=5), row(_0=5), {}, {}))])
-    assert found.pq is None
+    assert found.all.pq is None
     assert found.classes == 0
 
 

@@ -11,7 +11,6 @@ import typer
 
 if TYPE_CHECKING:
     from uppm.evaluation.map_evaluation import MapEvaluation
-    from uppm.evaluation.sampling import SurfacePart
 
 NESTED = ("matches", "per_class")
 """For programs only: they would not fit a table."""
@@ -38,13 +37,13 @@ def evaluate_map_command(
     """Accuracy, completeness and instances of one or several reconstructions."""
     from uppm.evaluation.ground_truth import load_surface_truth
     from uppm.evaluation.map_evaluation import evaluate_map
+    from uppm.regimes import open_reconstruction
 
     truth = load_surface_truth(ground_truth)
     results = [
         evaluate_map(
-            read_parts(path),
+            open_reconstruction(path),
             truth,
-            source=str(path),
             points_per_m2=points_per_m2,
             seed=seed,
             min_pixels=min_pixels,
@@ -58,42 +57,14 @@ def evaluate_map_command(
         _print_table(results)
 
 
-def read_parts(path: Path) -> list[SurfacePart]:
-    """The surfaces of a map file's submaps, freespace and tentative ones left out, or a mesh file's as one part."""
-    from uppm.evaluation.sampling import SurfacePart
-
-    if path.suffix.lower() == ".uppm":
-        return _map_parts(path)
-    from uppm.evaluation.meshes import read_mesh
-
-    return [SurfacePart(id=1, mesh=read_mesh(path))]
-
-
-def _map_parts(path: Path) -> list[SurfacePart]:
-    from uppm.core.types import SubmapKind, SubmapState
-    from uppm.evaluation.sampling import SurfacePart
-    from uppm.pipeline import open_map
-
-    panoptic_map = open_map(path)
-    return [
-        SurfacePart(
-            id=submap.id,
-            mesh=panoptic_map.submap_mesh(submap.id),
-            category=submap.descriptor.category.name if submap.descriptor else None,
-            is_object=submap.kind is SubmapKind.OBJECT,
-            score=submap.descriptor.confidence if submap.descriptor else 0.0,
-        )
-        for submap in panoptic_map.submaps
-        if submap.kind is not SubmapKind.FREESPACE and submap.state is not SubmapState.TENTATIVE
-    ]
-
-
 def _print_table(results: list[MapEvaluation]) -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from uppm.evaluation.map_evaluation import METRIC_GROUPS
+
     table = Table("metric", *(Path(result.source).name for result in results))
-    for part in ("geometry", "instances", "panoptic"):
+    for part in METRIC_GROUPS:
         present = [getattr(result, part) for result in results]
         names = next(([f.name for f in fields(p) if f.name not in NESTED] for p in present if p is not None), [])
         for name in names:

@@ -48,6 +48,13 @@ class SurfaceTruth:
         things = [i.id for i in self.instances.values() if i.is_thing]
         return np.isin(self.instance, things)
 
+    @property
+    def classes_without_points(self) -> frozenset[str]:
+        """Classes of the instances none of which has a point in G: nothing can be said of them."""
+        present = set(np.unique(self.instance).tolist())
+        seen = {i.categories[0] for i in self.instances.values() if i.id in present}
+        return frozenset(i.categories[0] for i in self.instances.values()) - seen
+
 
 def load_surface_truth(sequence: Path) -> SurfaceTruth:
     """Read a sequence's ground truth; raises `InputError` naming the file at fault."""

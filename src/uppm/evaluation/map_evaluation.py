@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -12,8 +11,23 @@ from uppm.evaluation.checks import check_comparable
 from uppm.evaluation.geometry import GeometricMetrics, geometric_metrics, nearest_points
 from uppm.evaluation.ground_truth import SurfaceTruth
 from uppm.evaluation.instances import MIN_PIXELS, InstanceMetrics, instance_metrics
+from uppm.evaluation.panmap_metrics import PanmapMetrics, TsdfLayer, panmap_metrics
 from uppm.evaluation.sampling import SurfacePart, sample_parts
 from uppm.evaluation.surface_panoptic import SurfacePanopticMetrics, surface_overlaps, surface_panoptic_metrics
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reconstruction:
+    """What is compared with the ground truth."""
+
+    source: str
+    parts: tuple[SurfacePart, ...]
+    layers: tuple[TsdfLayer, ...] = ()
+    """The parts' voxels, where it is a map."""
+
+
+METRIC_GROUPS = ("geometry", "instances", "panoptic", "panmap")
+"""Fields of `MapEvaluation` whose own fields are the metrics."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,26 +45,28 @@ class MapEvaluation:
     """None for a mesh whose submaps are not told apart."""
     panoptic: SurfacePanopticMetrics | None
     """Likewise."""
+    panmap: PanmapMetrics | None
+    """None for a mesh: these ask voxels."""
 
     def to_dict(self) -> dict[str, Any]:
         """Flat, as `--json` prints it (docs/evaluation.md)."""
         nested = asdict(self)
-        geometry, instances, panoptic = (nested.pop(name) for name in ("geometry", "instances", "panoptic"))
-        return nested | geometry | (instances or {}) | (panoptic or {})
+        groups = [nested.pop(name) or {} for name in METRIC_GROUPS]
+        return nested | {key: value for group in groups for key, value in group.items()}
 
 
 def evaluate_map(
-    parts: Sequence[SurfacePart],
+    reconstruction: Reconstruction,
     truth: SurfaceTruth,
     *,
-    source: str,
     points_per_m2: float = 10_000,
     seed: int = 0,
     min_pixels: int = MIN_PIXELS,
 ) -> MapEvaluation:
     """Sample the parts' surfaces and measure them; raises `InputError` where they cannot be of the truth's scene."""
-    vertices = [part.mesh.vertices for part in parts]
-    check_comparable(np.concatenate(vertices or [np.empty((0, 3))]), truth.points, source, truth.source)
+    parts, source, layers = reconstruction.parts, reconstruction.source, reconstruction.layers
+    vertices = np.concatenate([part.mesh.vertices for part in parts] or [np.empty((0, 3))])
+    check_comparable(vertices, truth.points, source, truth.source)
     samples = sample_parts(parts, points_per_m2, seed, source=source)
     nearest = nearest_points(samples.points, truth.points)
     told_apart = any(part.category is not None for part in parts)
@@ -64,5 +80,6 @@ def evaluate_map(
         ground_truth_points=len(truth.points),
         geometry=geometric_metrics(nearest, truth.foreground),
         instances=instance_metrics(parts, samples, nearest, truth, min_pixels) if told_apart else None,
-        panoptic=surface_panoptic_metrics(table) if table else None,
+        panoptic=surface_panoptic_metrics(table, truth) if table else None,
+        panmap=panmap_metrics(layers, vertices, truth.points) if layers else None,
     )

@@ -52,14 +52,21 @@ class ClassCounts:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PanopticQuality:
-    """Means over the classes that occur in truth or prediction, as panopticapi takes them; None without any."""
+class QualityMeans:
+    """Means over some classes; None without any."""
 
     pq: float | None
     rq: float | None
     sq: float | None
-    pq_things: float | None
-    pq_stuff: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PanopticQuality:
+    """Means over the classes that occur in truth or prediction, as panopticapi takes them."""
+
+    all: QualityMeans
+    things: QualityMeans
+    stuff: QualityMeans
     classes: int
     """Classes in the mean."""
     classes_without_truth: int
@@ -93,11 +100,9 @@ def panoptic_quality(images: Iterable[Mapping[str, ClassCounts]]) -> PanopticQua
         for name, counts in image.items():
             _add(total, name, counts)
     return PanopticQuality(
-        pq=_mean(c.pq for c in total.values()),
-        rq=_mean(c.rq for c in total.values()),
-        sq=_mean(c.sq for c in total.values()),
-        pq_things=_mean(c.pq for c in total.values() if c.is_thing),
-        pq_stuff=_mean(c.pq for c in total.values() if not c.is_thing),
+        all=_means(total.values()),
+        things=_means(c for c in total.values() if c.is_thing),
+        stuff=_means(c for c in total.values() if not c.is_thing),
         classes=len(total),
         classes_without_truth=sum(c.tp + c.fn == 0 for c in total.values()),
         per_class=dict(sorted(total.items())),
@@ -113,6 +118,9 @@ def _is_thing(name: str) -> bool:
     return category is None or category.is_thing
 
 
-def _mean(values: Iterable[float]) -> float | None:
-    found = list(values)
-    return float(np.mean(found)) if found else None
+def _means(classes: Iterable[ClassCounts]) -> QualityMeans:
+    found = list(classes)
+    if not found:
+        return QualityMeans(pq=None, rq=None, sq=None)
+    pq, rq, sq = np.mean([(c.pq, c.rq, c.sq) for c in found], axis=0).tolist()
+    return QualityMeans(pq=pq, rq=rq, sq=sq)

@@ -25,7 +25,11 @@ class SurfacePanopticMetrics:
     rq_3d: float | None
     sq_3d: float | None
     pq_3d_things: float | None
+    rq_3d_things: float | None
+    sq_3d_things: float | None
     pq_3d_stuff: float | None
+    rq_3d_stuff: float | None
+    sq_3d_stuff: float | None
     map_30: float | None
     map_40: float | None
     map_50: float | None
@@ -33,6 +37,8 @@ class SurfacePanopticMetrics:
     fw_iou: float | None
     classes: int
     classes_without_truth: int
+    classes_excluded: int
+    """Classes that the ground truth names and has no point of: in no mean."""
     per_class: dict[str, ClassCounts]
 
 
@@ -53,17 +59,21 @@ def surface_overlaps(
     )
 
 
-def surface_panoptic_metrics(table: Overlaps) -> SurfacePanopticMetrics:
+def surface_panoptic_metrics(table: Overlaps, truth: SurfaceTruth) -> SurfacePanopticMetrics:
     """PQ, mAP and mIoU of one map."""
     quality = panoptic_quality([count_matches(table)])
     semantic = semantic_quality([table])
     map_30, map_40, map_50 = (mean_average_precision([table], threshold) for threshold in THRESHOLDS)
     return SurfacePanopticMetrics(
-        pq_3d=quality.pq,
-        rq_3d=quality.rq,
-        sq_3d=quality.sq,
-        pq_3d_things=quality.pq_things,
-        pq_3d_stuff=quality.pq_stuff,
+        pq_3d=quality.all.pq,
+        rq_3d=quality.all.rq,
+        sq_3d=quality.all.sq,
+        pq_3d_things=quality.things.pq,
+        rq_3d_things=quality.things.rq,
+        sq_3d_things=quality.things.sq,
+        pq_3d_stuff=quality.stuff.pq,
+        rq_3d_stuff=quality.stuff.rq,
+        sq_3d_stuff=quality.stuff.sq,
         map_30=map_30,
         map_40=map_40,
         map_50=map_50,
@@ -71,5 +81,6 @@ def surface_panoptic_metrics(table: Overlaps) -> SurfacePanopticMetrics:
         fw_iou=semantic.fw_iou,
         classes=quality.classes,
         classes_without_truth=quality.classes_without_truth,
+        classes_excluded=len(truth.classes_without_points),
         per_class=dict(quality.per_class),
     )
