@@ -80,8 +80,9 @@ class Score:
         self._counts.append(count_matches(overlaps(frame.truth.instance, found.ids, self._truth, named)))
 
     def __str__(self) -> str:
-        q = panoptic_quality(self._counts)
-        return f"PQ {q.pq or 0:.4f}  RQ {q.rq or 0:.4f}  SQ {q.sq or 0:.4f}  things' PQ {q.pq_things or 0:.4f}"
+        quality = panoptic_quality(self._counts)
+        q = quality.all
+        return f"PQ {q.pq or 0:.4f}  RQ {q.rq or 0:.4f}  SQ {q.sq or 0:.4f}  things' PQ {quality.things.pq or 0:.4f}"
 
 
 def measure_simulated(frames: Sequence[Frame], known: Mapping[int, TruthInstance]) -> None:
