@@ -12,18 +12,10 @@ FULL = np.float32(32767.0)
 BEHIND = np.float32(2.0)
 """Truncation distances along the ray at which a surface, however it is met, hides what is behind it."""
 MIN_Z = np.float32(0.05)
+NO_SLOT = -2
+"""A slot that no pixel has."""
 COLOR_MEMORY = np.float32(31.0)
 """The colour is a mean over at most about so many frames: 8-bit means stop moving beyond."""
-
-
-@nb.njit(inline="always")
-def count_belonging(belonging, mine):
-    """Count one observation in the two 8-bit counters (2,), which are halved together on overflow."""
-    k = 0 if mine else 1
-    if belonging[k] == 255:
-        belonging[0] >>= 1
-        belonging[1] >>= 1
-    belonging[k] += 1
 
 
 @nb.njit(inline="always")
@@ -43,12 +35,26 @@ def mix_color(color, seen, gain):
 @nb.njit(cache=True)
 def holds_surface(distance, weight, belonging, limit):
     """Whether any voxel of a block (8, 8, 8) is owned and at most `limit` (fixed point) from the surface."""
-    d, w, b = distance.ravel(), weight.ravel(), belonging.ravel()
+    d, w, pairs = distance.ravel(), weight.ravel(), belonging.ravel().view(np.uint16)
     found = False
     for n in range(VOXELS):
         near = (abs(np.int32(d[n])) <= limit) & (w[n] > np.float32(0.0))
-        found |= near & (b[2 * n] > 0) & (b[2 * n] >= b[2 * n + 1])
+        mine, foreign = pairs[n] & 255, pairs[n] >> 8
+        found |= near & (mine > 0) & (mine >= foreign)
     return found
+
+
+@nb.njit(cache=True)
+def paint(near, pixel, gain, color_image, color, order):
+    """Mix the pixels' colours into those of the voxels marked by near (512,); order (512,): room for their numbers."""
+    pixels = color_image.reshape((-1, 3))
+    count = 0
+    for n in range(VOXELS):
+        order[count] = n
+        count += near[n]
+    for i in range(count):
+        n = np.uint32(order[i])
+        mix_color(color[n], pixels[np.uint32(pixel[n])], max(gain[n], np.float32(1.0) / COLOR_MEMORY))
 
 
 @nb.njit(cache=True, error_model="numpy")
@@ -157,27 +163,34 @@ def average(sdf, inverse, area, size, band, max_weight, distance, weight, gain):
         gain[n] = share
 
 
-@nb.njit(cache=True, error_model="numpy")
-def label(sdf, pixel, gain, slot_image, color_image, slot, rest_slot, observed, size, band, color, belonging, order):
-    """Count whose surface the voxels of a block in the band showed, and colour those within a voxel of it.
-
-    order (512,): room for their numbers. A pixel without a label says nothing of whose surface it shows, but to the
-    rest, and to an object of which this frame has a segment that leaves the pixel out.
-    """
-    slots, pixels = slot_image.ravel(), color_image.reshape((-1, 3))
-    count = 0
+@nb.njit(cache=True)
+def look_at_slots(pixel, slot_image, shown):
+    """The slot of each voxel's pixel, (512,)."""
+    slots = slot_image.ravel()
     for n in range(VOXELS):
-        order[count] = n
-        count += (sdf[n] >= -band) & (sdf[n] < band)
-    for i in range(count):
-        n = order[i]
-        at = np.uint32(pixel[n])
-        seen = slots[at]
-        unknown = (seen < 0 or (seen == rest_slot and slot != rest_slot)) and not observed
-        if not unknown:
-            count_belonging(belonging[n], seen == slot)
-        if (seen == slot or unknown) and sdf[n] <= size and sdf[n] >= -size:
-            mix_color(color[n], pixels[at], max(gain[n], np.float32(1.0) / COLOR_MEMORY))
+        shown[n] = slots[np.uint32(pixel[n])]
+
+
+@nb.njit(cache=True)
+def count_belongings(sdf, shown, slot, rest_slot, observed, size, band, belonging, near):
+    """Count whose surface the voxels of a block in the band showed; near[n]: voxel n shows the submap's own colour.
+
+    belonging (512,): two 8-bit counters as one number, the foreign one times 256; halved together on overflow. A pixel
+    without a label says nothing of whose surface it shows, but to the rest, and to an object of which this frame has a
+    segment that leaves the pixel out.
+    """
+    silent = np.int32(NO_SLOT if observed else -1)
+    silent_rest = np.int32(NO_SLOT if observed or slot == rest_slot else rest_slot)
+    for n in range(VOXELS):
+        s = sdf[n]
+        inside = (s >= -band) & (s < band)
+        own, unknown = shown[n] == slot, (shown[n] == silent) | (shown[n] == silent_rest)
+        yes, no = inside & own, inside & (not own) & (not unknown)
+        mine, foreign = np.int32(belonging[n] & 255), np.int32(belonging[n] >> 8)
+        full = (yes & (mine == 255)) | (no & (foreign == 255))
+        mine, foreign = (mine >> 1 if full else mine), (foreign >> 1 if full else foreign)
+        belonging[n] = np.uint16((mine + yes) | ((foreign + no) << 8))
+        near[n] = (s >= -size) & (s <= size) & (s < band) & (own | unknown)
 
 
 @nb.njit(cache=True, parallel=True, error_model="numpy")
@@ -199,6 +212,7 @@ def integrate(
     focal_area = camera[0] * camera[1]
     for m in nb.prange(blocks.shape[0]):
         room, index = np.empty((10, VOXELS), dtype=np.float32), np.empty((4, VOXELS), dtype=np.int32)
+        near = np.empty(VOXELS, dtype=np.bool_)
         inverse, far, right, down, sdf, gain = room[4], room[5], room[6], room[7], room[8], room[9]
         incidence = gain
         block = blocks[m]
@@ -215,11 +229,10 @@ def integrate(
         average(sdf, inverse, focal_area * size * size, size, band, max_weight, d, w, gain)
         dirty[block] = True
         if slot != freespace_slot:
-            b = belonging[block].reshape((VOXELS, 2))
-            label(
-                sdf, index[1], gain, slot_image, color_image, slot, rest_slot, observed[slot], size, band,
-                color[block].reshape((VOXELS, 3)), b, index[3],
-            )  # fmt: skip
+            look_at_slots(index[1], slot_image, index[2])
+            pairs = belonging[block].reshape(2 * VOXELS).view(np.uint16)
+            count_belongings(sdf, index[2], slot, rest_slot, observed[slot], size, band, pairs, near)
+            paint(near, index[1], gain, color_image, color[block].reshape((VOXELS, 3)), index[3])
         has_surface[block] = holds_surface(
             distance[block], weight[block], belonging[block], np.int32(FULL * size / band)
         )

@@ -14,8 +14,8 @@ from uppm.core.types import Frame, Intrinsics
 MIN_COSINE = np.float32(0.2)
 """Rays that meet a surface at less than 12 degrees are taken to meet it at that: noise makes their normals."""
 
-RENDER_WIDTH = 320
-"""Columns, about, at which submaps are rendered for association."""
+RENDER_WIDTH = 160
+"""Columns, about, at which submaps are rendered for association: at 320 the flat's map is the same."""
 
 Camera = tuple[np.float32, np.float32, np.float32, np.float32]
 
