@@ -7,9 +7,10 @@ import pytest
 
 from tests.scenes import CAMERA, Box, Plane, Sphere, look_at, render
 from uppm._kernels import reference
+from uppm._kernels.camera import TILE
 from uppm.core.geometry import invert
 from uppm.core.geometry import rays as make_rays
-from uppm.fusion.view import ViewFactory
+from uppm.fusion.view import View, ViewFactory
 from uppm.fusion.volume import Volume
 
 # Off the grid, where rounding would decide the voxel of a point.
@@ -18,6 +19,20 @@ SIZES = (0.05, 0.03, 0.02)
 EYES = ([-1.6, 0.3, 1.1], [-1.2, -1.0, 0.9], [0.2, -1.7, 1.3])
 T_MAP_SUBMAP = np.array([[0.8, -0.6, 0, 0.3], [0.6, 0.8, 0, -0.2], [0, 0, 1, 0.1], [0, 0, 0, 1.0]])
 RAYS = make_rays(CAMERA)
+
+
+def place(volume: Volume, view: View, slot_image: np.ndarray) -> np.ndarray:
+    """Allocate for an image of slots; returns the new blocks."""
+    slots = np.arange(-1, slot_image.max() + 1, dtype=np.int32)
+    placed = volume.place(view, slot_image + np.int32(1), slots, slots + np.int32(1), slots[1:])
+    np.testing.assert_array_equal(placed.slot_image, slot_image)
+    np.testing.assert_array_equal(placed.id_image, slot_image + 1)
+    for slot in slots[1:]:
+        down, across = np.nonzero(slot_image == slot)
+        tiles = np.zeros(placed.present.shape[:2], dtype=bool)
+        tiles[down // TILE, across // TILE] = True
+        np.testing.assert_array_equal(placed.present[..., placed.rows[slot]], tiles)
+    return placed.new
 
 
 class Fused:
@@ -48,7 +63,7 @@ class Fused:
         frame, _, slot_image = self.frame(eye)
         view = self.factory.view(frame)
         visible = self.volume.visible(view, self.slots).blocks
-        new = self.volume.allocate(view, slot_image)
+        new = place(self.volume, view, slot_image)
         before = [self.state(n) for n in range(3)]
         touched = np.unique(np.concatenate([visible, new]))
         self.volume.integrate(view, touched, slot_image)
@@ -103,7 +118,7 @@ def test_allocation_covers_the_band_and_little_more(fused: Fused) -> None:
         needed = reference.band_block_coords(mine, RAYS, T_submap_camera, 2 * size, 8 * size)
         volume = Volume(20000, 1e4, 0.2)
         slot = volume.add(size, 2 * size, fused.poses[n], False)
-        volume.allocate(view, np.where(slot_image == fused.slots[n], slot, -1).astype(np.int32))
+        place(volume, view, np.where(slot_image == fused.slots[n], slot, -1).astype(np.int32))
         got = {tuple(c) for c in volume.pool.block_coord[volume.indices(slot)].tolist()}
         missing = needed - got
         assert len(missing) <= 0.01 * len(needed)

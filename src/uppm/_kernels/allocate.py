@@ -5,6 +5,7 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
+from uppm._kernels.camera import TILE
 from uppm._kernels.hashing import (
     BLOCKS_PER_CHUNK,
     CHUNK_BITS,
@@ -17,8 +18,6 @@ from uppm._kernels.hashing import (
     remove,
 )  # fmt: skip
 
-STRIPES = 16
-"""Fixed, so that the order of new blocks does not depend on the number of threads."""
 NOWHERE = np.int32(-(1 << 31))
 """In place of a block coordinate: the pixel has no depth or no submap."""
 
@@ -92,8 +91,21 @@ def add_missing(slot, ends, u, keys, values, chunk_blocks, out, count):
 
 
 @nb.njit(cache=True)
-def row_ends(depth, ray_x, ray_y, slots, rotations, translations, voxel_sizes, truncations, ends):
-    """`band_blocks` for a row, one run of pixels with the same slot after the other; NOWHERE where there is none."""
+def look_up_row(ids, slot_of, number_of, slots, numbers):
+    """Slot and submap id of each pixel (W,) of a row by its segment id."""
+    for u in range(ids.shape[0]):
+        k = np.uint32(ids[u])
+        slots[u], numbers[u] = slot_of[k], number_of[k]
+
+
+@nb.njit(cache=True)
+def row_ends(
+    depth, ray_x, ray_y, slots, rotations, translations, voxel_sizes, truncations, rows, ends, present
+):  # fmt: skip
+    """`band_blocks` for a row, one run of pixels with the same slot after the other; NOWHERE where there is none.
+
+    present (tiles across, submaps): marked where a run of submap rows[slot] crosses a tile.
+    """
     first = 0
     while first < depth.shape[0]:
         slot, last = slots[first], first + 1
@@ -103,6 +115,8 @@ def row_ends(depth, ray_x, ray_y, slots, rotations, translations, voxel_sizes, t
             inv_side = np.float32(1.0) / (voxel_sizes[slot] * np.float32(8.0))
             R, t, band = rotations[slot], translations[slot], truncations[slot]
             band_blocks(first, last, depth, ray_x, ray_y, R, t, band, inv_side, ends)
+            if rows[slot] != NONE:
+                present[first // TILE : (last - 1) // TILE + 1, rows[slot]] = True
         else:
             ends[0, first:last] = NOWHERE
         first = last
@@ -110,32 +124,38 @@ def row_ends(depth, ray_x, ray_y, slots, rotations, translations, voxel_sizes, t
 
 @nb.njit(cache=True, parallel=True)
 def missing_blocks(
-    depth, ray_x, ray_y, slot_image, keys, values, chunk_blocks,
-    rotations, translations, voxel_sizes, truncations, out, counts,
+    ids, slot_of, number_of, depth, ray_x, ray_y, keys, values, chunk_blocks,
+    rotations, translations, voxel_sizes, truncations, rows, slot_image, number_image, present, out, counts,
 ):  # fmt: skip
-    """Blocks that the truncation bands touch and that do not exist.
+    """Give each pixel its submap, and find the blocks that the truncation bands touch and that do not exist.
 
+    ids (H, W): segments; slot_of, number_of: a segment's slot (or NONE) and submap id; slot_image, number_image (H, W)
+    are written, and present (tiles down, tiles across, submaps): whether a tile shows the submap rows[slot].
     For each valid pixel the blocks in the box of its band's two ends are looked up: the band is half a block long, so
     the box is at most 2x2x2 and holds every block that the band crosses. Pixels whose ends equal those of the pixel
-    to their left or above are skipped. out (STRIPES, N, 4) takes (slot, bx, by, bz), counts (STRIPES,) their number;
-    repeats are possible. A stripe that is full stops: the caller grows `out` and calls again.
+    to their left or above are skipped. out (tiles down, N, 4) takes (slot, bx, by, bz), counts (tiles down,) their
+    number; repeats are possible. A row of tiles that is full stops: the caller grows `out` and calls again.
     """
     height, width = depth.shape
-    for stripe in nb.prange(STRIPES):
+    for ty in nb.prange(present.shape[0]):
         count = 0
         ends, above = np.empty((6, width), dtype=np.int32), np.full((6, width), NOWHERE, dtype=np.int32)
         left_new, new = np.ones(width, dtype=np.bool_), np.ones(width, dtype=np.bool_)
-        start = stripe * height // STRIPES
-        for row in range(start, (stripe + 1) * height // STRIPES):
+        present[ty] = False
+        for row in range(ty * TILE, min(height, (ty + 1) * TILE)):
             slots = slot_image[row]
-            row_ends(depth[row], ray_x, ray_y[row], slots, rotations, translations, voxel_sizes, truncations, ends)
+            look_up_row(ids[row], slot_of, number_of, slots, number_image[row])
+            row_ends(
+                depth[row], ray_x, ray_y[row], slots, rotations, translations, voxel_sizes, truncations,
+                rows, ends, present[ty],
+            )  # fmt: skip
             differs(ends, slots, ends, slots, 1, left_new)
-            differs(ends, slots, above, slot_image[max(row - 1, start)], 0, new)
+            differs(ends, slots, above, slot_image[max(row - 1, ty * TILE)], 0, new)
             for u in range(width):
                 if new[u] & left_new[u] & (ends[0, u] != NOWHERE):
-                    count = add_missing(slots[u], ends, u, keys, values, chunk_blocks, out[stripe], count)
+                    count = add_missing(slots[u], ends, u, keys, values, chunk_blocks, out[ty], count)
             ends, above = above, ends
-        counts[stripe] = count
+        counts[ty] = count
 
 
 @nb.njit(cache=True)

@@ -16,7 +16,7 @@ STEEP = np.float32(1e6)
 
 @nb.njit(cache=True)
 def limit_row(depth, ray_length, depth_min, depth_max, limited, range_row, low, high):
-    """One row (W,) of `prepare_depth`; low, high (W,): least and greatest valid depth of each column so far."""
+    """One row (W,) of `prepare`'s depth; low, high (W,): least and greatest valid depth of each column so far."""
     zero, far = np.float32(0.0), np.float32(1e9)
     for x in range(depth.shape[0]):
         d = depth[x]
@@ -26,23 +26,6 @@ def limit_row(depth, ray_length, depth_min, depth_max, limited, range_row, low, 
         least = d if valid else far
         low[x] = least if least < low[x] else low[x]
         high[x] = d if d > high[x] else high[x]
-
-
-@nb.njit(cache=True, parallel=True)
-def prepare_depth(depth, ray_length, depth_min, depth_max, limited, range_image, tile_min, tile_max):
-    """Depth within range (`limited`, else 0), range along the ray, and the tiles' least and greatest valid depth.
-
-    depth, limited, range_image (H, W); ray_length (H, W): length of each pixel's ray at z = 1; tile_min and tile_max
-    (ceil(H/16), ceil(W/16)): an empty tile has min 1e9 and max 0. All but the first two are written.
-    """
-    height, width = depth.shape
-    for ty in nb.prange(tile_min.shape[0]):
-        low, high = np.full(width, np.float32(1e9)), np.zeros(width, dtype=np.float32)
-        for y in range(ty * TILE, min(height, (ty + 1) * TILE)):
-            limit_row(depth[y], ray_length[y], depth_min, depth_max, limited[y], range_image[y], low, high)
-        for tx in range(tile_min.shape[1]):
-            tile_min[ty, tx] = low[tx * TILE : (tx + 1) * TILE].min()
-            tile_max[ty, tx] = high[tx * TILE : (tx + 1) * TILE].max()
 
 
 @nb.njit(cache=True)
@@ -60,7 +43,7 @@ def slopes(before, here, after, out):
 
 @nb.njit(cache=True, error_model="numpy")
 def cosines(depth, across, down, ray_x, b, camera, least, out):
-    """One row (W,) of `ray_cosine`; across, down (W,): slopes over REACH pixels."""
+    """One row (W,) of cosines; across, down (W,): slopes over REACH pixels."""
     one, reach = np.float32(1.0), np.float32(REACH)
     fx, fy = camera[0] / reach, camera[1] / reach
     for u in range(depth.shape[0]):
@@ -75,41 +58,56 @@ def cosines(depth, across, down, ray_x, b, camera, least, out):
         out[u] = cosine if known else one
 
 
-@nb.njit(cache=True, parallel=True)
-def ray_cosine(depth, ray_x, ray_y, camera, least, out):
-    """Cosine between each ray and the surface that it meets, at half the resolution, at least `least`.
+@nb.njit(cache=True)
+def thin_row(depth, depth_min, depth_max, out):
+    """Every second pixel of a row (W,), 0 where out of range."""
+    for u in range(out.shape[0]):
+        d = depth[2 * u]
+        out[u] = d if (d >= depth_min) & (d <= depth_max) else np.float32(0.0)
 
-    depth (H, W), the ray of pixel (v, u) is (ray_x[u], ray_y[v], 1), out (ceil(H/2), ceil(W/2)) written; pixels
-    without depth or a neighbour get 1. With
-    p = d * r, the normal is along (-fx * dd/du, -fy * dd/dv, d + a * fx * dd/du + b * fy * dd/dv), r = (a, b, 1).
+
+@nb.njit(cache=True)
+def cosine_row(row, depth, depth_min, depth_max, ray_x, ray_y, camera, least, rows, out):
+    """One row (ceil(W/2),) of `prepare`'s cosine; rows (3, n + REACH): room for three rows with margins of zero."""
+    n, half = out.shape[0], REACH // 2
+    for k in range(3):
+        v = 2 * row + (k - 1) * REACH
+        if 0 <= v < depth.shape[0]:
+            thin_row(depth[v], depth_min, depth_max, rows[k, half : half + n])
+        else:
+            rows[k] = np.float32(0.0)
+    here, across, down = rows[1, half : half + n], np.empty(n, dtype=np.float32), np.empty(n, dtype=np.float32)
+    slopes(rows[1, :n], here, rows[1, 2 * half :], across)
+    slopes(rows[0, half : half + n], here, rows[2, half : half + n], down)
+    cosines(here, across, down, ray_x, ray_y[2 * row], camera, least, out)
+
+
+@nb.njit(cache=True, parallel=True)
+def prepare(
+    depth, ray_length, depth_min, depth_max, ray_x, ray_y, camera, least, normal,
+    limited, range_image, tile_min, tile_max, cosine,
+):  # fmt: skip
+    """What the other kernels ask of a depth image (H, W), in one pass; all but the first nine are written.
+
+    limited (H, W): depth within range, else 0; range_image (H, W): along the ray, with ray_length (H, W) that of each
+    pixel's ray at z = 1. tile_min, tile_max (ceil(H/16), ceil(W/16)): a tile's least and greatest valid depth, 1e9 and
+    0 without any. cosine (ceil(H/2), ceil(W/2)), if `normal`: between each second ray and the surface that it meets, at
+    least `least`; 1 without depth or a neighbour. The ray of pixel (v, u) is r = (ray_x[u], ray_y[v], 1); with p = d r,
+    the normal is along (-fx dd/du, -fy dd/dv, d + a fx dd/du + b fy dd/dv), r = (a, b, 1).
     """
-    n, half = out.shape[1], REACH // 2
-    columns = ray_x[::2].copy()
-    for part in nb.prange(PARTS):
-        # Every second pixel of three rows, with a margin that counts as without depth.
-        rows = np.zeros((3, n + 2 * half), dtype=np.float32)
-        across, down = np.empty(n, dtype=np.float32), np.empty(n, dtype=np.float32)
-        for row in range(part * out.shape[0] // PARTS, (part + 1) * out.shape[0] // PARTS):
-            for k in range(3):
-                v = 2 * row + (k - 1) * REACH
-                if 0 <= v < depth.shape[0]:
-                    rows[k, half : half + n] = depth[v, ::2]
-                else:
-                    rows[k] = np.float32(0.0)
-            here = rows[1, half : half + n]
-            slopes(rows[1, :n], here, rows[1, 2 * half :], across)
-            slopes(rows[0, half : half + n], here, rows[2, half : half + n], down)
-            cosines(here, across, down, columns, ray_y[2 * row], camera, least, out[row])
-
-
-@nb.njit(cache=True, parallel=True)
-def look_up(ids, table_a, table_b, out_a, out_b):
-    """out_a = table_a[ids], out_b = table_b[ids], in one pass."""
-    for y in nb.prange(ids.shape[0]):
-        for x in range(ids.shape[1]):
-            k = np.uint32(ids[y, x])
-            out_a[y, x] = table_a[k]
-            out_b[y, x] = table_b[k]
+    height, width = depth.shape
+    thin_x = ray_x[::2].copy()
+    for ty in nb.prange(tile_min.shape[0]):
+        low, high = np.full(width, np.float32(1e9)), np.zeros(width, dtype=np.float32)
+        for y in range(ty * TILE, min(height, (ty + 1) * TILE)):
+            limit_row(depth[y], ray_length[y], depth_min, depth_max, limited[y], range_image[y], low, high)
+        for tx in range(tile_min.shape[1]):
+            tile_min[ty, tx] = low[tx * TILE : (tx + 1) * TILE].min()
+            tile_max[ty, tx] = high[tx * TILE : (tx + 1) * TILE].max()
+        if normal:
+            rows = np.zeros((3, cosine.shape[1] + REACH), dtype=np.float32)
+            for row in range(ty * TILE // 2, min(cosine.shape[0], (ty + 1) * TILE // 2)):
+                cosine_row(row, depth, depth_min, depth_max, thin_x, ray_y, camera, least, rows, cosine[row])
 
 
 @nb.njit(cache=True)

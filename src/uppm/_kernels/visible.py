@@ -100,31 +100,12 @@ def add_candidate(box, z, radius, slot, tile_min, tile_max, tile_slots, tile_cou
                 tile_count[ty, tx] = n + 1
 
 
-@nb.njit(cache=True, parallel=True)
-def slots_in_tiles(slot_image, rows, present):
-    """Which submaps' pixels each depth tile shows: present (tiles down, tiles across, submaps) bool is written.
-
-    slot_image (H, W); rows[slot]: the submap's place in `present`, or NONE.
-    """
-    height, width = slot_image.shape
-    for ty in nb.prange(present.shape[0]):
-        present[ty] = False
-        for y in range(ty * TILE, min(height, (ty + 1) * TILE)):
-            first = 0
-            while first < width:
-                slot, last = slot_image[y, first], first + 1
-                while last < width and slot_image[y, last] == slot:
-                    last += 1
-                if slot >= 0 and rows[slot] != NONE:
-                    present[ty, first // TILE : (last - 1) // TILE + 1, rows[slot]] = True
-                first = last
-
-
 @nb.njit(cache=True)
 def blocks_to_update(blocks, boxes, has_surface, block_slot, rows, present, freespace_slot, out):
     """Of the visible blocks (N,), those in which the frame can change a surface; their number is returned.
 
-    A block without a surface of its submap gains one only from a pixel of that submap. Freespace is always updated.
+    A block without a surface of its submap gains one only from a pixel of that submap; present (tiles down, tiles
+    across, submaps): which tiles show one of submap rows[slot]. Freespace is always updated.
     A block that was freed meanwhile, or whose submap has rows[slot] == NONE, is left out.
     """
     count = 0

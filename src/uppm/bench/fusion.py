@@ -32,7 +32,7 @@ VOLUME_STAGES = {
     "visible": "cull",
     "overlap": "render",
     "expected": "misses",
-    "allocate": "allocate",
+    "place": "allocate",
     "integrate": "integrate",
 }
 """Method of `Volume` -> stage."""

@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 from numba.core import config as numba_config
 
-from uppm._kernels.camera import look_up
 from uppm._kernels.hashing import NONE
 from uppm.core.config import FusionConfig
 from uppm.core.errors import InputError
@@ -217,18 +216,15 @@ class PanopticFusion:
         rest = self._rest.slot if self._rest else NONE
         slots = np.array([rest, *(s.slot if s else rest for s in submaps)], dtype=np.int32)
         numbers = np.array([0, *(s.id if s else 0 for s in submaps)], dtype=np.int32)
-        slot_image, id_image = np.empty_like(ids), np.empty_like(ids)
-        look_up(ids, slots, numbers, slot_image, id_image)
-        new = self._volume.allocate(view, slot_image)
-        # A removed or resampled submap's blocks may have been handed out again as new ones: each once.
         known = (*tracks.submaps, *(s for s in submaps if s), *([self._rest] if self._rest else []))
         active = sorted({s.slot for s in known if s.id in self._submaps and s.state is not SubmapState.INACTIVE})
-        old = self._volume.to_update(tracks.visible, np.array(active, dtype=np.int32), slot_image)
-        blocks = np.unique(np.concatenate([old, new]))
+        placed = self._volume.place(view, ids, slots, numbers, np.array(active, dtype=np.int32))
+        # A removed or resampled submap's blocks may have been handed out again as new ones: each once.
+        blocks = np.unique(np.concatenate([self._volume.to_update(tracks.visible, placed), placed.new]))
         seen = [s.slot for s in submaps if s and s.kind is SubmapKind.OBJECT]
-        self._volume.integrate(view, blocks, slot_image, rest, np.array(seen, dtype=np.int32))
+        self._volume.integrate(view, blocks, placed.slot_image, rest, np.array(seen, dtype=np.int32))
         self._forget_bounds(blocks)
-        return id_image
+        return placed.id_image
 
     def _forget_bounds(self, blocks: npt.NDArray[np.int32]) -> None:
         changed = set(np.unique(self._volume.pool.block_slot[blocks]).tolist())

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from uppm._kernels.camera import TILE, prepare_depth, ray_cosine
+from uppm._kernels.camera import TILE, prepare
 from uppm.core.geometry import invert, rays
 from uppm.core.types import Frame, Intrinsics
 
@@ -75,12 +75,13 @@ class ViewFactory:
         tiles = (-(-height // TILE), -(-width // TILE))
         depth, range_image = np.empty_like(frame.depth), np.empty_like(frame.depth)
         tile_min, tile_max = np.empty(tiles, dtype=np.float32), np.empty(tiles, dtype=np.float32)
-        prepare_depth(frame.depth, self._ray_length, low, high, depth, range_image, tile_min, tile_max)
         k = frame.intrinsics
         camera = np.float32(k.fx), np.float32(k.fy), np.float32(k.cx), np.float32(k.cy)
         cosine = np.ones((-(-height // 2), -(-width // 2)), dtype=np.float32)
-        if self._along_normal:
-            ray_cosine(depth, self._ray_x, self._ray_y, camera, MIN_COSINE, cosine)
+        prepare(
+            frame.depth, self._ray_length, low, high, self._ray_x, self._ray_y, camera, MIN_COSINE, self._along_normal,
+            depth, range_image, tile_min, tile_max, cosine,
+        )  # fmt: skip
         return View(
             depth=depth,
             range_image=range_image,

@@ -13,7 +13,7 @@ from uppm._kernels.camera import PARTS
 from uppm._kernels.hashing import BLOCKS_PER_CHUNK, NONE, SLOT_LIMIT
 from uppm._kernels.integrate import holds_surface, integrate
 from uppm._kernels.surface import FULL, disown, surface_points
-from uppm._kernels.visible import MAX_CANDIDATES, blocks_to_update, slots_in_tiles, visible_blocks
+from uppm._kernels.visible import MAX_CANDIDATES, blocks_to_update, visible_blocks
 from uppm.core.errors import UppmError
 from uppm.core.geometry import invert, transform
 from uppm.core.types import VOXELS_PER_SIDE, VoxelBlocks
@@ -40,6 +40,22 @@ class Visible:
     """(rows, columns): how many."""
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Placed:
+    """A frame's pixels given to submaps, and room made for them."""
+
+    slot_image: npt.NDArray[np.int32]
+    """(H, W): slot of each pixel's submap, or NONE."""
+    id_image: npt.NDArray[np.int32]
+    """(H, W): id of each pixel's submap, 0 where there is none."""
+    new: Indices
+    """(N,): pool indices of the blocks created."""
+    rows: Indices
+    """Slot -> its place in `present`, or NONE."""
+    present: npt.NDArray[np.bool_]
+    """(rows, columns, submaps): whether a depth tile shows a submap."""
+
+
 class Volume:
     """Multi-resolution multi-TSDF over one block pool (method.md section 4).
 
@@ -57,7 +73,7 @@ class Volume:
         self._free = list(range(63, -1, -1))
         self._freespace = NONE
         self._pruned: dict[int, list[npt.NDArray[np.int32]]] = {}
-        self._wanted = np.empty((_allocate.STRIPES, 4096, 4), dtype=np.int64)
+        self._wanted = np.empty((0, 4096, 4), dtype=np.int64)
 
     def add(self, voxel_size: float, truncation: float, T_map_submap: npt.NDArray[np.float64], freespace: bool) -> int:
         """A new empty submap; sizes in metres. Returns its slot."""
@@ -122,13 +138,18 @@ class Volume:
         area, seen = view.stride**2, pixels.sum(axis=0)[1:]
         return counts.sum(axis=0, dtype=np.int64) * area, seen * area, total.sum(axis=0)[1:] / np.maximum(seen, 1)
 
-    def to_update(self, visible: Visible, slots: Indices, slot_image: npt.NDArray[np.int32]) -> Indices:
-        """Of the visible blocks of these submaps and of freespace, those in which the frame can change a surface."""
-        p, rows, out = self.pool, self._rows(slots), np.empty(len(visible.blocks), dtype=np.int32)
-        present = np.empty((*visible.tile_count.shape, len(slots)), dtype=np.bool_)
-        slots_in_tiles(slot_image, rows, present)
+    def to_update(self, visible: Visible, placed: Placed) -> Indices:
+        """The visible blocks in which the frame can change a surface, of the placed submaps and of freespace."""
+        p, out = self.pool, np.empty(len(visible.blocks), dtype=np.int32)
         n = blocks_to_update(
-            visible.blocks, visible.boxes, p.has_surface, p.block_slot, rows, present, self._freespace, out
+            visible.blocks,
+            visible.boxes,
+            p.has_surface,
+            p.block_slot,
+            placed.rows,
+            placed.present,
+            self._freespace,
+            out,
         )
         return out[:n]
 
@@ -148,24 +169,33 @@ class Volume:
         rows[slots] = np.arange(len(slots))
         return rows
 
-    def allocate(self, view: View, slot_image: npt.NDArray[np.int32]) -> Indices:
-        """Create the blocks of the truncation bands of all pixels, and freespace; returns the new pool indices."""
-        p, (R, t) = self.pool, self._T_camera_submap(view)
-        counts = np.zeros(_allocate.STRIPES, dtype=np.int64)
-        index = p.keys, p.values, p.chunk_blocks
+    def place(
+        self, view: View, ids: npt.NDArray[np.int32], slot_of: Indices, number_of: Indices, active: Indices
+    ) -> Placed:
+        """Give each pixel its submap, and create the blocks of all pixels' truncation bands, and freespace.
+
+        ids (H, W): segment ids; slot_of, number_of (segments + 1,): slot, or NONE, and id of each segment's submap;
+        active: slots whose presence in the tiles is asked for.
+        """
+        p, (R, t), rows = self.pool, self._T_camera_submap(view), self._rows(active)
+        slot_image, id_image = np.empty_like(ids), np.empty_like(ids)
+        present = np.empty((*view.tile_min.shape, len(active)), dtype=np.bool_)
+        counts = np.zeros(len(present), dtype=np.int64)
         while True:
+            if self._wanted.shape[0] < len(present) or counts.max() >= self._wanted.shape[1]:
+                size = 2 * self._wanted.shape[1] if counts.max() else self._wanted.shape[1]
+                self._wanted = np.empty((len(present), size, 4), dtype=np.int64)
             _allocate.missing_blocks(
-                view.depth, view.ray_x, view.ray_y, slot_image, *index, R, t,
-                self._voxel_size, self._truncation, self._wanted, counts,
+                ids, slot_of, number_of, view.depth, view.ray_x, view.ray_y, p.keys, p.values, p.chunk_blocks, R, t,
+                self._voxel_size, self._truncation, rows, slot_image, id_image, present, self._wanted, counts,
             )  # fmt: skip
             if counts.max() < self._wanted.shape[1]:
                 break
-            self._wanted = np.empty((_allocate.STRIPES, 2 * self._wanted.shape[1], 4), dtype=np.int64)
         wanted = np.concatenate([self._wanted[i, :n] for i, n in enumerate(counts.tolist())])
         new = self._add(wanted, len(wanted))
         if self._freespace != NONE:
             new = np.concatenate([new, self._allocate_freespace(view, R, t)])
-        return new
+        return Placed(slot_image=slot_image, id_image=id_image, new=new, rows=rows, present=present)
 
     def _allocate_freespace(self, view: View, R: npt.NDArray[np.float32], t: npt.NDArray[np.float32]) -> Indices:
         p, f, added = self.pool, self._freespace, [NO_SLOTS]
