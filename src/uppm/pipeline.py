@@ -18,7 +18,7 @@ from uppm.core.categories import unified_categories
 from uppm.core.config import Config
 from uppm.core.errors import BadFrameError, ConfigError, InputError
 from uppm.core.geometry import invert
-from uppm.core.nulls import NoLabels, NoViewer, Timer
+from uppm.core.nulls import NoViewer, Timer
 from uppm.core.protocols import Closable, FrameSource, FrameViewer, Labeler, Retriever, Segmenter, TextEncoder
 from uppm.core.types import Checkpoint, Frame, FrameRecord, Report, Submap
 from uppm.datasets.registry import open_sequence
@@ -27,7 +27,7 @@ from uppm.map.panoptic_map import PanopticMap
 from uppm.map.store import MapMeta, MapReader, MapWriter, check_free
 from uppm.perception.describe import describe
 from uppm.perception.labels.lemma import lemmatize
-from uppm.perception.registry import create_segmenter
+from uppm.perception.registry import create_labeler, create_segmenter
 from uppm.perception.retrieval import create_retriever
 from uppm.perception.retrieval.category import category_vectors
 from uppm.perception.retrieval.embeddings import LabelEmbeddings
@@ -67,7 +67,7 @@ class Mapper:
     ) -> None:
         self.config = config or Config()
         self._embeddings = LabelEmbeddings()
-        self._labeler = labeler or NoLabels()
+        self._labeler = labeler or create_labeler(self.config.perception)
         self._segmenter = segmenter or create_segmenter(self.config.perception)
         self._retriever = retriever or create_retriever(self.config.retrieval, self._embeddings)
         self._viewer = viewer or NoViewer()

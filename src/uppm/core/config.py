@@ -76,6 +76,10 @@ class PerceptionConfig(Section):
     """Name in `uppm.perception.registry`, or `none`: the segmenter brings its own vocabulary."""
     captioner_model: str | None = _of_profile("captioner_model", None)
     """Name in `uppm models list`; None: the back end's first there."""
+    use_tags: bool = True
+    """A captioner's tags become labels too."""
+    skip_blurry: bool = True
+    """A frame that its caption calls blurry is skipped."""
     detector: str = _of_profile("detector", "nanodet")
     """Name in `uppm.perception.registry`."""
     detector_model: str | None = _of_profile("detector_model", None)

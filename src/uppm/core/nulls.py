@@ -9,16 +9,19 @@ from contextlib import contextmanager
 import numpy as np
 import numpy.typing as npt
 
-from uppm.core.language import FrameLabels
+from uppm.core.config import PerceptionConfig
+from uppm.core.language import Caption
 from uppm.core.types import Frame
 
 
-class NoLabels:
-    """The labeler of closed-set front ends: the segmenter brings its own vocabulary."""
+class NoCaptioner:
+    """The captioner of the front ends whose segmenter brings its own vocabulary."""
 
-    def label(self, frame: Frame) -> FrameLabels:
-        """No labels."""
-        return FrameLabels()
+    def __init__(self, config: PerceptionConfig) -> None: ...
+
+    def caption(self, frame: Frame) -> Caption:
+        """Nothing said."""
+        return Caption()
 
 
 class NoViewer:

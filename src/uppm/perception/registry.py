@@ -1,8 +1,8 @@
 """Back ends by name: literal tables, imported on use, and entry points for plug-ins.
 
 A plug-in's package declares, say, `[project.entry-points."uppm.perception"] mine = "package.module:Segmenter"`;
-detectors and mask generators do so in the groups `uppm.detectors` and `uppm.masks`. Each is a class that takes the
-`PerceptionConfig`.
+captioners, detectors and mask generators do so in the groups `uppm.captioners`, `uppm.detectors` and `uppm.masks`. Each
+is a class that takes the `PerceptionConfig`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from typing import Any
 
 from uppm.core.config import PerceptionConfig
 from uppm.core.errors import ConfigError
-from uppm.core.protocols import Detector, MaskGenerator, Segmenter
+from uppm.core.protocols import Detector, Labeler, MaskGenerator, Segmenter
+from uppm.perception.labels.caption import CaptionLabeler
 from uppm.perception.models.table import MODELS, model_spec
 
 SEGMENTERS = {
@@ -23,6 +24,7 @@ SEGMENTERS = {
     "groundtruth": "uppm.perception.segmentation.groundtruth:GroundTruthSegmenter",
     "precomputed": "uppm.perception.segmentation.precomputed:PrecomputedSegmenter",
 }
+CAPTIONERS = {"none": "uppm.core.nulls:NoCaptioner"}
 DETECTORS = {"nanodet": "uppm.perception.segmentation.nanodet:NanoDet"}
 MASK_GENERATORS = {
     "geometric": "uppm.perception.segmentation.geometric_masks:GeometricMasks",
@@ -33,6 +35,12 @@ MASK_GENERATORS = {
 def create_segmenter(config: PerceptionConfig) -> Segmenter:
     """The front end of `config.profile`; raises ConfigError for an unknown name."""
     return _create("perception.profile", config.profile, SEGMENTERS, "uppm.perception", config)
+
+
+def create_labeler(config: PerceptionConfig) -> Labeler:
+    """Labels by the captioner of `config.captioner`; raises ConfigError for an unknown name."""
+    captioner = _create("perception.captioner", config.captioner, CAPTIONERS, "uppm.captioners", config)
+    return CaptionLabeler(captioner, use_tags=config.use_tags, skip_blurry=config.skip_blurry)
 
 
 def create_detector(config: PerceptionConfig) -> Detector:

@@ -1,7 +1,6 @@
 """Label text -> its normal form: lower case, no articles, the head noun in the singular (method.md section 1).
 
-After WordNet's Morphy: a list of exceptions first, then endings that are detached. Morphy asks WordNet which candidate
-is a word; here the endings that are ambiguous without a dictionary (-ves, -oes, -ies, -ses) are settled by lists.
+WordNet's Morphy: a list of exceptions first, then endings that are detached where WordNet knows what is left.
 """
 
 from __future__ import annotations
@@ -9,32 +8,14 @@ from __future__ import annotations
 import re
 from functools import lru_cache
 
-_IRREGULAR = {
-    "men": "man", "women": "woman", "children": "child", "feet": "foot", "teeth": "tooth", "geese": "goose",
-    "mice": "mouse", "lice": "louse", "oxen": "ox", "dwarves": "dwarf",
-    "shelves": "shelf", "bookshelves": "bookshelf", "knives": "knife", "leaves": "leaf", "loaves": "loaf",
-    "wolves": "wolf", "calves": "calf", "halves": "half", "scarves": "scarf", "hooves": "hoof", "thieves": "thief",
-    "wives": "wife", "lives": "life", "elves": "elf", "sheaves": "sheaf", "wharves": "wharf", "handkerchieves":
-    "handkerchief", "buses": "bus", "lenses": "lens", "gases": "gas", "viruses": "virus", "cactuses": "cactus",
-    "cacti": "cactus", "canvases": "canvas", "atlases": "atlas", "irises": "iris", "walruses": "walrus",
-    "platypuses": "platypus", "fungi": "fungus", "radii": "radius", "bases": "base", "axes": "axe", "quizzes": "quiz",
-    "shoes": "shoe", "snowshoes": "snowshoe", "horseshoes": "horseshoe", "toes": "toe", "canoes": "canoe",
-    "oboes": "oboe", "hoes": "hoe", "aloes": "aloe", "headaches": "headache", "caches": "cache", "niches": "niche",
-    "quiches": "quiche", "mustaches": "mustache", "avalanches": "avalanche",
-}  # fmt: skip
-_KEEP_IE_TEXT = """
-cookies movies brownies ties neckties pies magpies zombies selfies hoodies smoothies collies beanies veggies onesies
-walkies talkies pixies rookies genies birdies calories prairies lies budgies aunties boogies bookies hippies junkies
-newbies groupies foodies undies cuties sorties plushies
-"""
+from uppm.perception.labels.wordnet import wordnet
+
+_IRREGULAR = {"people": "person", "axes": "axe", "bases": "base", "cookies": "cookie", "dwarves": "dwarf"}
+"""Where WordNet's first answer is not the household's."""
 _INVARIANT_TEXT = """
 glasses eyeglasses sunglasses goggles binoculars scissors shears pliers tweezers clippers tongs pants trousers jeans
-shorts tights leggings overalls pajamas pyjamas clothes underpants stairs downstairs skis headquarters barracks
-series species news tennis billiards darts chess gas bus lens canvas atlas iris christmas bias asparagus hummus
-citrus cactus hibiscus octopus walrus platypus virus campus circus status trellis chassis oasis basis analysis axis
-clematis ibis pelvis portcullis always perhaps molasses lotus crocus eucalyptus minibus omnibus trolleybus radius
-fungus stimulus thermos asbestos cosmos rhinoceros chaos dress glass swiss sassafras pancreas alas overseas dais
-marquis debris louis paris texas suds dregs cutlass
+shorts tights leggings overalls pajamas pyjamas clothes underpants stairs downstairs upstairs skis gas always perhaps
+this
 """
 _ARTICLES_TEXT = """
 a an the some any this that these those my your his her its our their
@@ -48,12 +29,23 @@ eye sun reading safety swimming protective prescription vr 3d
 _PREPOSITIONS_TEXT = """
 of with in on at for to from by near under over behind beside next that which
 """
-_KEEP_IE, _INVARIANT, _ARTICLES, _NUMBERS, _EYEWEAR, _PREPOSITIONS = (
+_INVARIANT, _ARTICLES, _NUMBERS, _EYEWEAR, _PREPOSITIONS = (
     frozenset(text.split())
-    for text in (_KEEP_IE_TEXT, _INVARIANT_TEXT, _ARTICLES_TEXT, _NUMBERS_TEXT, _EYEWEAR_TEXT, _PREPOSITIONS_TEXT)
+    for text in (_INVARIANT_TEXT, _ARTICLES_TEXT, _NUMBERS_TEXT, _EYEWEAR_TEXT, _PREPOSITIONS_TEXT)
 )
-"""Plurals of words in -ie; words without a singular; what a label may begin with; what goes with the plural; whose
-`glasses` are worn, not drunk from; what ends the head of a phrase."""
+"""Words without a singular; what a label may begin with; what goes with the plural; whose `glasses` are worn, not
+drunk from; what ends the head of a phrase."""
+_ENDINGS = (
+    ("s", ""),
+    ("ses", "s"),
+    ("xes", "x"),
+    ("zes", "z"),
+    ("ches", "ch"),
+    ("shes", "sh"),
+    ("ies", "y"),
+    ("men", "man"),
+)
+"""Morphy's rules of detachment for nouns."""
 
 
 @lru_cache(maxsize=65536)
@@ -79,13 +71,18 @@ def head_index(words: list[str]) -> int:
 
 
 def singular(noun: str) -> str:
-    """A noun's lemma; a word that is not a plural comes back as it is."""
+    """A noun's lemma by WordNet's Morphy, the singular before a plural that has an entry of its own (`shoes`).
+
+    A word that is not a plural comes back as it is; what WordNet does not know loses its ending by rule.
+    """
     if noun in _IRREGULAR:
         return _IRREGULAR[noun]
-    if noun in _INVARIANT or len(noun) < 4 or not noun.endswith("s") or noun.endswith(("ss", "us", "is")):
+    if noun in _INVARIANT or len(noun) < 3:
         return noun
-    if noun.endswith("ies"):
-        return noun[:-1] if noun in _KEEP_IE else noun[:-3] + "y"
-    if noun.endswith(("sses", "xes", "ches", "shes", "zzes", "oes")):
-        return noun[:-2]
-    return noun[:-1]
+    if noun in wordnet().noun_exceptions:
+        return wordnet().noun_exceptions[noun]
+    if noun.endswith(("ss", "us", "is")):
+        return noun
+    stems = [noun.removesuffix(ending) + by for ending, by in _ENDINGS if noun.endswith(ending)]
+    known = next((stem for stem in stems if stem in wordnet().senses), None)
+    return known or (noun if noun in wordnet().senses or not stems else stems[-1])
