@@ -70,10 +70,10 @@ def test_masks_without_pixels_or_depth_are_no_trouble() -> None:
 
 def test_the_setting() -> None:
     chosen = {
-        (edges, masks): cuts(PerceptionConfig.model_validate({"depth_edges": edges, "masks": masks}))
-        for edges in ("auto", "cut", "keep") for masks in ("geometric", "box")
+        (edges, from_depth): cuts(PerceptionConfig.model_validate({"depth_edges": edges}), from_depth=from_depth)
+        for edges in ("auto", "cut", "keep") for from_depth in (True, False)
     }  # fmt: skip
     assert chosen == {
-        ("auto", "geometric"): False, ("auto", "box"): True, ("cut", "geometric"): True, ("cut", "box"): True,
-        ("keep", "geometric"): False, ("keep", "box"): False,
+        ("auto", True): False, ("auto", False): True, ("cut", True): True, ("cut", False): True,
+        ("keep", True): False, ("keep", False): False,
     }  # fmt: skip

@@ -37,7 +37,7 @@ def test_every_dropped_candidate_is_counted() -> None:
         *FakeLabeler("cup", "wall", "dot", "ghost").label(fake_frame()).labels,
         Label(text="mug", provenance=Provenance.TAG),
     )
-    segmenter = PromptedSegmenter(PerceptionConfig(), detector, FakeMaskGenerator())
+    segmenter = PromptedSegmenter(PerceptionConfig(masks="box"), detector, FakeMaskGenerator())
     result = segmenter.segment(fake_frame(), labels)
     assert [(s.label.text, s.is_thing) for s in result.segments] == [("cup", True), ("wall", False)]
     assert result.dropped == {"near_duplicate_box": 1, "too_small": 1, "unlabeled_pixels": 0}
@@ -51,7 +51,7 @@ def test_leaks_are_cut_by_setting(edges: str, leak: bool) -> None:
     assert frame.truth is not None
     x0, y0, x1, y1 = box_around(frame.truth.instance == FIRST_BOX).tolist()
     box = (x0 - 8, y0 - 8, x1 + 8, y1 + 8, 0.9)
-    config = PerceptionConfig.model_validate({"depth_edges": edges})
+    config = PerceptionConfig.model_validate({"depth_edges": edges, "masks": "box"})
     segmenter = PromptedSegmenter(config, TableDetector(crate=box), FakeMaskGenerator())
     result = segmenter.segment(frame, FakeLabeler("crate").label(frame).labels)
     on_the_wall = np.count_nonzero((result.ids == 1) & (frame.truth.instance == 2))
@@ -60,7 +60,9 @@ def test_leaks_are_cut_by_setting(edges: str, leak: bool) -> None:
 
 
 def test_without_labels_nothing_is_found() -> None:
-    result = PromptedSegmenter(PerceptionConfig(), TableDetector(), FakeMaskGenerator()).segment(fake_frame(), ())
+    result = PromptedSegmenter(PerceptionConfig(masks="box"), TableDetector(), FakeMaskGenerator()).segment(
+        fake_frame(), ()
+    )
     assert result.segments == ()
     assert result.dropped == {"unlabeled_pixels": 48 * 64}
 

@@ -31,10 +31,16 @@ PROFILES: Mapping[str, Mapping[str, str | None]] = {
 
 
 def _of_profile(name: str, otherwise: str | None) -> Any:
-    """A default that depends on the profile, so that naming a profile names its back ends."""
+    """A default that depends on the profile, so that naming a profile names its back ends.
+
+    Its model of a back end is the default only where the back end is the profile's own.
+    """
+    back_end = name.removesuffix("_model")
 
     def default(given: dict[str, Any]) -> str | None:
-        return PROFILES.get(str(given.get("profile")), {}).get(name, otherwise)
+        profile = PROFILES.get(str(given.get("profile")), {})
+        own = given.get(back_end, profile.get(back_end)) == profile.get(back_end)
+        return profile.get(name, otherwise) if own else otherwise
 
     return Field(default_factory=default)
 
@@ -88,13 +94,20 @@ class PerceptionConfig(Section):
     """Name in `uppm.perception.registry`."""
     masks_model: str | None = _of_profile("masks_model", None)
     """Name in `uppm models list`; None: the back end's first there."""
+    segmenter_model: str | None = _of_profile("segmenter_model", None)
+    """Of profiles that are one network, name in `uppm models list`; None: the profile's first there."""
     device: str = Field(default="auto", pattern=r"^(auto|cpu|cuda(:\d+)?)$")
     """Of the torch back ends: auto, cpu, cuda or cuda:N; auto: cuda where there is one."""
     precision: Literal["auto", "float32", "float16", "bfloat16"] = "auto"
     """Of the torch back ends; auto: float16 on cuda, else float32."""
     compile: bool = False
     """`torch.compile` the torch back ends: minutes at the first frame, faster ones after it."""
-    detector_score: float = Field(default=0.4, ge=0, le=1)
+    detector_score: float | None = Field(default=None, ge=0, le=1)
+    """Least score of a detection; None: the detector's own (nanodet 0.4, grounding_dino 0.35, owlv2 0.2)."""
+    text_score: float = Field(default=0.25, ge=0, le=1)
+    """Least score of a phrase's head noun, of detectors that score tokens (grounding_dino)."""
+    prompts: Literal["separate", "joint"] = "separate"
+    """Each label in a text of its own, so that no label's boxes depend on the others, or many in one text, faster."""
     detector_nms_iou: float = Field(default=0.6, ge=0, le=1)
     nms: Literal["custom", "classic", "none"] = "custom"
     """Suppression of prompted detectors' boxes: the paper's, per class by IoU, or none."""

@@ -21,14 +21,25 @@ from uppm.perception.models.table import MODELS, model_spec
 SEGMENTERS = {
     "embedded": "uppm.perception.segmentation.embedded:EmbeddedSegmenter",
     "foundation": "uppm.perception.segmentation.prompted:PromptedSegmenter",
+    "foundation-light": "uppm.perception.segmentation.prompted:PromptedSegmenter",
     "groundtruth": "uppm.perception.segmentation.groundtruth:GroundTruthSegmenter",
+    "mask2former": "uppm.perception.segmentation.mask2former:Mask2Former",
+    "oneformer": "uppm.perception.segmentation.oneformer:OneFormer",
     "precomputed": "uppm.perception.segmentation.precomputed:PrecomputedSegmenter",
+    "sam3": "uppm.perception.segmentation.sam3:Sam3",
 }
 CAPTIONERS = {"none": "uppm.core.nulls:NoCaptioner"}
-DETECTORS = {"nanodet": "uppm.perception.segmentation.nanodet:NanoDet"}
+DETECTORS = {
+    "grounding_dino": "uppm.perception.segmentation.grounding_dino:GroundingDino",
+    "mm_grounding_dino": "uppm.perception.segmentation.grounding_dino:MMGroundingDino",
+    "nanodet": "uppm.perception.segmentation.nanodet:NanoDet",
+    "owlv2": "uppm.perception.segmentation.owlv2:Owlv2",
+}
 MASK_GENERATORS = {
     "geometric": "uppm.perception.segmentation.geometric_masks:GeometricMasks",
     "box": "uppm.perception.segmentation.geometric_masks:BoxMasks",
+    "sam": "uppm.perception.segmentation.sam:Sam",
+    "sam2": "uppm.perception.segmentation.sam2:Sam2",
 }
 
 
@@ -57,12 +68,28 @@ def models_of_profile(profile: str) -> list[str]:
     """Names of the models (`uppm models list`) that a profile needs with its default settings."""
     config = PerceptionConfig(profile=profile)
     parts = ((config.captioner, config.captioner_model), (config.detector, config.detector_model))
-    chosen = [model_of(back_end, model) for back_end, model in (*parts, (config.masks, config.masks_model))]
+    parts += ((config.masks, config.masks_model), (profile, config.segmenter_model))
+    chosen = [_model_of(back_end, model) for back_end, model in parts]
     return [name for name in chosen if name]
 
 
-def model_of(back_end: str, model: str | None) -> str | None:
-    """The model that a back end loads: the one that is set, else its first in the table; None: it needs none."""
+def model_of(back_end: str, model: str | None) -> str:
+    """The model that a back end loads: the one that is set, else its first in the table.
+
+    Raises
+    ------
+    ConfigError
+        There is no such model, or it is another back end's.
+    """
+    name = _model_of(back_end, model)
+    if name is None or model_spec(name).back_end != back_end:
+        known = [spec.name for spec in MODELS.values() if spec.back_end == back_end]
+        expected, advice = f"one of {', '.join(known)}", f"correct it, or leave it out for {known[0]}"
+        raise ConfigError(f"model of {back_end}", expected=expected, found=repr(name), advice=advice)
+    return name
+
+
+def _model_of(back_end: str, model: str | None) -> str | None:
     if model is not None:
         return model_spec(model).name
     return next((spec.name for spec in MODELS.values() if spec.back_end == back_end), None)

@@ -103,6 +103,12 @@ _SPECS = [
         ("grounding-dino-base", 930, "IDEA-Research/grounding-dino-base"),
         ("grounding-dino-tiny", 690, "IDEA-Research/grounding-dino-tiny"),
     ),
+    *_family(
+        "mm_grounding_dino",
+        _APACHE,
+        ("mm-grounding-dino-tiny", 690, "openmmlab-community/mm_grounding_dino_tiny_o365v1_goldg_v3det"),
+    ),
+    *_family("sam3", "SAM License", ("sam3", 3440, "facebook/sam3")),
     *_family("owlv2", _APACHE, ("owlv2-base", 620, "google/owlv2-base-patch16-ensemble")),
     *_family(
         "sam",

@@ -43,9 +43,9 @@ def pieces(free: Mask, depth: Depth, noise: float) -> Pieces:
     return np.ascontiguousarray(ids[::2, ::2], dtype=np.int32)
 
 
-def cuts(config: PerceptionConfig) -> bool:
+def cuts(config: PerceptionConfig, *, from_depth: bool) -> bool:
     """Whether masks are to be cut: `auto` leaves those alone that were made from depth in the first place."""
-    return config.depth_edges == "cut" or (config.depth_edges == "auto" and config.masks != "geometric")
+    return config.depth_edges == "cut" or (config.depth_edges == "auto" and not from_depth)
 
 
 def cut_at_steps(frame: Frame, masks: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.bool_], int]:

@@ -48,7 +48,7 @@ class EmbeddedSegmenter:
     def _things(self, frame: Frame, labels: Sequence[Label]) -> tuple[list[tuple[Mask, Segment]], Counter[str]]:
         found = self._detector.detect(frame.color, labels)
         masks, leaked = self._masks.masks(frame, found.boxes), 0
-        if cuts(self._config):
+        if cuts(self._config, from_depth=self._config.masks == "geometric"):
             masks, leaked = cut_at_steps(frame, masks)
         fits = [has_plausible_size(frame, m, label.text) for m, label in zip(masks, found.labels, strict=True)]
         unique = distinct_boxes(found, np.flatnonzero(fits))

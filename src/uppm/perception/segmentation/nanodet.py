@@ -15,6 +15,7 @@ from uppm.core.config import PerceptionConfig
 from uppm.core.types import Detections, Label, Provenance
 from uppm.perception.segmentation.suppression import classic
 
+MIN_SCORE = 0.4
 SIDE = 416
 """Input side, pixels; the image is resized without letterbox."""
 STRIDES = (8, 16, 32)
@@ -33,7 +34,8 @@ class NanoDet:
         options.log_severity_level = 3
         model = resources.files("uppm.data").joinpath("nanodet_coco80_fp16.onnx").read_bytes()
         self._session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
-        self._min_score, self._nms_iou = config.detector_score, config.detector_nms_iou
+        self._min_score = MIN_SCORE if config.detector_score is None else config.detector_score
+        self._nms_iou = config.detector_nms_iou
         names = [category.name for category in unified_categories() if category.is_thing]
         self._labels = tuple(Label(text=name, provenance=Provenance.DETECTOR) for name in names)
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from uppm.core.categories import unified_categories
 from uppm.core.config import PerceptionConfig
-from uppm.core.protocols import Detector, MaskGenerator
-from uppm.core.types import Frame, Label, PanopticSegmentation, Segment
+from uppm.core.protocols import Closable, Detector, MaskGenerator
+from uppm.core.types import Detections, Frame, Label, PanopticSegmentation, Segment
 from uppm.perception.registry import create_detector, create_mask_generator
 from uppm.perception.segmentation.assembly import assemble
 from uppm.perception.segmentation.depth_edges import cut_at_steps, cuts
@@ -37,16 +38,41 @@ class PromptedSegmenter:
     def segment(self, frame: Frame, labels: Sequence[Label] = ()) -> PanopticSegmentation:
         """The segments of the frame that its labels name."""
         found = self._detector.detect(frame.color, labels)
-        keep, dropped = suppress(found, self._config)
-        masks, leaked = self._masks.masks(frame, found.boxes[keep]), 0
-        if cuts(self._config):
-            masks, leaked = cut_at_steps(frame, masks)
-        segments = [
-            Segment(label=label, score=float(np.clip(score, 0, 1)), is_thing=not is_surface(label.text))
-            for label, score in ((found.labels[i], found.scores[i]) for i in keep)
-        ]
-        candidates = list(zip(masks, segments, strict=True))
-        return assemble(frame, candidates, self._config.min_mask_pixels, dropped + Counter(leaked_pixels=leaked))
+        from_depth = self._config.masks == "geometric"
+        return assembled(
+            frame,
+            self._config,
+            found,
+            lambda keep: self._masks.masks(frame, found.boxes[keep]),
+            from_depth=from_depth,
+        )
+
+    def close(self) -> None:
+        """Release what the back ends hold."""
+        for part in (self._detector, self._masks):
+            if isinstance(part, Closable):
+                part.close()
+
+
+def assembled(
+    frame: Frame,
+    config: PerceptionConfig,
+    found: Detections,
+    masks_of: Callable[[npt.NDArray[np.intp]], npt.NDArray[np.bool_]],
+    *,
+    from_depth: bool = False,
+) -> PanopticSegmentation:
+    """Suppression, masks (K, H, W) of the boxes that stay, depth edges, one id image."""
+    keep, dropped = suppress(found, config)
+    masks, leaked = masks_of(keep), 0
+    if cuts(config, from_depth=from_depth):
+        masks, leaked = cut_at_steps(frame, masks)
+    segments = [
+        Segment(label=label, score=float(np.clip(score, 0, 1)), is_thing=not is_surface(label.text))
+        for label, score in ((found.labels[i], found.scores[i]) for i in keep)
+    ]
+    candidates = list(zip(masks, segments, strict=True))
+    return assemble(frame, candidates, config.min_mask_pixels, dropped + Counter(leaked_pixels=leaked))
 
 
 def is_surface(text: str) -> bool:

@@ -1,0 +1,78 @@
+"""From pictures to a map file, with each back end chosen by its name in the configuration and tiny random weights."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.perception.foundation import tiny
+from tests.perception.foundation.conftest import noisy
+from uppm import open_map
+from uppm.core.config import Config
+from uppm.core.types import Frame
+from uppm.perception.fakes import FakeLabeler, fake_frame
+from uppm.pipeline import Mapper, map_sequence
+
+Models = Callable[[str], Path]
+LABELS = ("chair", "red cup", "wall")
+
+
+class Pictures:
+    """FrameSource of three noisy pictures of a wall."""
+
+    name, indices = "pictures", range(3)
+
+    def __len__(self) -> int:
+        return len(self.indices)
+
+    def frame(self, position: int) -> Frame:
+        return noisy(fake_frame(position))
+
+
+def configuration(**perception: Any) -> Config:
+    every = {"detector_score": 0.0, "text_score": 0.0, "threads": 1, "min_mask_pixels": 1} | perception
+    fusion = {"confirm_evidence": 0.0, "min_surface": 1, "min_area": 0.0}
+    return Config.model_validate({"perception": every, "fusion": fusion})
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize(
+    "chosen",
+    [
+        {"profile": "foundation", "detector": "grounding_dino", "masks": "sam"},
+        {"profile": "foundation", "detector": "mm_grounding_dino", "masks": "sam2"},
+        {"profile": "foundation", "detector": "owlv2", "masks": "box"},
+        {"profile": "mask2former"},
+        {"profile": "oneformer"},
+        {"profile": "sam3"},
+    ],
+    ids=lambda chosen: "-".join(chosen.values()),
+)
+def test_a_back_end_by_name_makes_a_map(models: Models, chosen: dict[str, str]) -> None:
+    settings = dict(chosen, captioner="none")
+    for part, setting in (("detector", "detector_model"), ("masks", "masks_model"), ("profile", "segmenter_model")):
+        if chosen.get(part) in tiny.NAMES:
+            models(chosen[part])
+            settings[setting] = tiny.NAMES[chosen[part]]
+    mapper = Mapper(configuration(**settings), labeler=FakeLabeler(*LABELS))
+    for frame in map(Pictures().frame, range(3)):
+        mapper.integrate(frame)
+    mapper.finish()
+    mapper.close()
+    described = [s.descriptor for s in mapper.map.submaps if s.descriptor]
+    said = {record.text for d in described for record in d.labels}
+    assert said
+    closed_set = {"ceiling-other", "chair", "wall-other", "cup"}
+    assert said <= (closed_set if "detector" not in chosen and chosen["profile"] != "sam3" else set(LABELS))
+    assert mapper.report.dropped.get("unlabeled_pixels", 0) < 3 * 48 * 64
+
+
+def test_the_program_writes_the_map(models: Models, tmp_path: Path) -> None:
+    models("mask2former")
+    config = configuration(profile="mask2former", segmenter_model=tiny.NAMES["mask2former"])
+    report = map_sequence(Pictures(), tmp_path / "m.uppm", config)
+    assert report.frames == 3
+    assert any(s.descriptor for s in open_map(tmp_path / "m.uppm").submaps)
