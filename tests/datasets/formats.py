@@ -11,6 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from tests.datasets import bags
 from tests.datasets.scene import CAMERA, image, pose, render, text, write_frames, write_tum
 from uppm.core.types import Intrinsics
 
@@ -168,6 +169,10 @@ def panmap_flat(root: Path) -> Path:
     return root
 
 
+def bag(root: Path) -> Path:
+    return bags.write(root, bags.room(bags.Maker(ros1=False)), mcap=True)
+
+
 FORMATS = {
     "frames": (frames, "frames"),
     "7scenes": (seven_scenes, "7scenes"),
@@ -179,4 +184,5 @@ FORMATS = {
     "3rscan": (three_rscan, "3rscan"),
     "3rscan zip": (three_rscan_zip, "3rscan"),
     "panmap-flat": (panmap_flat, "panmap-flat"),
+    "bag": (bag, "bag"),
 }

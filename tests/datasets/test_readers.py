@@ -17,7 +17,7 @@ from uppm.datasets import PosedSequence, open_sequence, truth_surface
 from uppm.datasets.poses import OPENGL_CAMERA
 from uppm.datasets.registry import READERS
 
-INTERVALS = {"scannet sens": 0.033333, "panmap-flat": 0.1, "hololens": 4 / 30}
+INTERVALS = {"scannet sens": 0.033333, "panmap-flat": 0.1, "hololens": 4 / 30, "bag": 0.1}
 
 
 @pytest.mark.parametrize("name", formats.FORMATS)

@@ -62,6 +62,22 @@ class InputConfig(Section):
     """Camera axes of the pose files; opengl: y up, z backward."""
     quaternion_order: Literal["xyzw", "wxyz"] = "xyzw"
     """Order in text files that hold quaternions."""
+    time_tolerance: float = Field(default=0.02, ge=0)
+    """Seconds between a colour image and the depth image and pose that belong to it, in formats with time stamps."""
+    color_topic: str | None = None
+    """Of a bag's colour images; None: found by type and name."""
+    depth_topic: str | None = None
+    """Of a bag's depth images; None: found by type and name."""
+    color_info_topic: str | None = None
+    """Of the colour camera's camera_info; None: beside the images' topic."""
+    depth_info_topic: str | None = None
+    """Of the depth camera's camera_info; None: beside the images' topic."""
+    pose_topic: str | None = None
+    """Of a bag's poses (PoseStamped, Odometry and the like); None: from /tf."""
+    pose_frame: str | None = None
+    """Frame whose poses `pose_topic` tells; None: the one that its messages name, else the colour camera's."""
+    map_frame: str | None = None
+    """Fixed frame that /tf is asked for; None: map, world or odom, whichever is above the camera."""
     stride: int = Field(default=1, ge=1)
     """Every n-th frame is used."""
     max_frames: int | None = Field(default=None, ge=1)

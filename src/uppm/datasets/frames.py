@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from uppm.core.config import InputConfig
 from uppm.core.errors import BadFrameError, InputError
 from uppm.core.types import GroundTruth
 from uppm.datasets import files
@@ -23,7 +24,7 @@ class Frames:
         return (path / "color").is_dir() and not (path / "intrinsic").is_dir()
 
     @staticmethod
-    def read(path: Path) -> RawSequence:
+    def read(path: Path, config: InputConfig) -> RawSequence:
         color = files.numbered(path / "color", r"(\d+)" + files.IMAGE)
         depth = files.numbered(path / "depth", r"(\d+)\.(?:png|tiff?)")
         positions = files.paired(color, depth, path)

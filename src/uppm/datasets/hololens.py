@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
+from uppm.core.config import InputConfig
 from uppm.datasets import files
 from uppm.datasets.sequence import RawFrame, RawSequence
 
@@ -17,7 +18,7 @@ class HoloLens:
         return (path / "images").is_dir() and (path / "poses.txt").exists()
 
     @staticmethod
-    def read(path: Path) -> RawSequence:
+    def read(path: Path, config: InputConfig) -> RawSequence:
         color = files.numbered(path / "images", r"(\d+)" + files.IMAGE)
         depth = files.numbered(path / "depth", r"(\d+)\.png")
         numbers = files.paired(color, depth, path)

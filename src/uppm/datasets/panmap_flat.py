@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from uppm.core.config import InputConfig
 from uppm.core.errors import InputError
 from uppm.core.types import GroundTruth, Intrinsics
 from uppm.datasets import files
@@ -25,7 +26,7 @@ class PanmapFlat:
         return path.is_dir() and any(path.glob("*_depth.tiff"))
 
     @staticmethod
-    def read(path: Path) -> RawSequence:
+    def read(path: Path, config: InputConfig) -> RawSequence:
         color = files.numbered(path, r"(\d+)_color\.png")
         depth = files.numbered(path, r"(\d+)_depth\.tiff")
         stamps = _stamps(path / "timestamps.csv")

@@ -20,6 +20,7 @@ READERS = {
     "scannet": "uppm.datasets.scannet:ScanNet",
     "3rscan": "uppm.datasets.three_rscan:ThreeRScan",
     "panmap-flat": "uppm.datasets.panmap_flat:PanmapFlat",
+    "bag": "uppm.datasets.bags.reader:Bag",
 }
 """Format -> reader; plug-ins add theirs under the entry-point group `uppm.readers`."""
 
@@ -36,8 +37,11 @@ class Reader(Protocol):
         ...
 
     @staticmethod
-    def read(path: Path) -> RawSequence:
-        """The sequence, its frames not yet read; raises `InputError`."""
+    def read(path: Path, config: InputConfig) -> RawSequence:
+        """The sequence, its frames not yet read; raises `InputError`.
+
+        config: what the user said of topics, frames and times; conventions of poses and depth are applied later.
+        """
         ...
 
 
@@ -55,7 +59,7 @@ def open_sequence(path: str | Path, config: InputConfig = InputConfig()) -> Pose
     if not path.exists():
         raise InputError(path, expected="a sequence's folder or file", found="nothing there", advice="check the path")
     reader = _named(config.format) if config.format else _found(path)
-    return PosedSequence(reader.read(path), config)
+    return PosedSequence(reader.read(path, config), config)
 
 
 def _load(target: str) -> Reader:

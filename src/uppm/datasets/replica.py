@@ -6,6 +6,7 @@ import json
 from functools import partial
 from pathlib import Path
 
+from uppm.core.config import InputConfig
 from uppm.core.errors import InputError
 from uppm.core.types import Intrinsics
 from uppm.datasets import files
@@ -20,7 +21,7 @@ class Replica:
         return (path / "results").is_dir() and (path / "traj.txt").exists()
 
     @staticmethod
-    def read(path: Path) -> RawSequence:
+    def read(path: Path, config: InputConfig) -> RawSequence:
         folder = path / "results"
         color = files.numbered(folder, r"frame(\d+)" + files.IMAGE)
         depth = files.numbered(folder, r"depth(\d+)\.png")

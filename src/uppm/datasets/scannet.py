@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from uppm.core.config import InputConfig
 from uppm.datasets import files, sens
 from uppm.datasets.sequence import RawFrame, RawSequence
 
@@ -20,7 +21,7 @@ class ScanNet:
         return path.suffix == ".sens" or (path / "intrinsic").is_dir() or len(_sens_files(path)) == 1
 
     @staticmethod
-    def read(path: Path) -> RawSequence:
+    def read(path: Path, config: InputConfig) -> RawSequence:
         if path.suffix == ".sens":
             return sens.read_sens(path)
         if not (path / "color").is_dir() and _sens_files(path):

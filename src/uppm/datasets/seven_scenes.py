@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
+from uppm.core.config import InputConfig
 from uppm.core.types import Intrinsics
 from uppm.datasets import files
 from uppm.datasets.sequence import RawFrame, RawSequence
@@ -20,7 +21,7 @@ class SevenScenes:
         return path.is_dir() and not (path / "_info.txt").exists() and any(path.glob("frame-*.color.*"))
 
     @staticmethod
-    def read(path: Path) -> RawSequence:
+    def read(path: Path, config: InputConfig) -> RawSequence:
         color = files.numbered(path, r"frame-(\d+)\.color" + files.IMAGE)
         depth = files.numbered(path, r"frame-(\d+)\.depth\.png")
         frames = [

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from uppm.core.config import InputConfig
 from uppm.core.errors import InputError
 from uppm.datasets import files
 from uppm.datasets.sequence import RawFrame, RawSequence
@@ -27,7 +28,7 @@ class ThreeRScan:
         )
 
     @staticmethod
-    def read(path: Path) -> RawSequence:
+    def read(path: Path, config: InputConfig) -> RawSequence:
         root = _root(path)
         info = _info(root / INFO)
         numbers = _numbers(root)

@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from uppm.core.config import InputConfig
 from uppm.core.errors import InputError
 from uppm.core.types import Intrinsics
 from uppm.datasets import files
 from uppm.datasets.sequence import RawFrame, RawSequence
-
-MAX_GAP = 0.02
-"""Seconds between what belongs together (the benchmark's own limit)."""
+from uppm.datasets.times import nearest
 
 PUBLISHED = {
     "1": (517.3, 516.5, 318.6, 255.3),
@@ -33,16 +32,17 @@ class Tum:
         return (path / "rgb.txt").exists() and (path / "depth.txt").exists()
 
     @staticmethod
-    def read(path: Path) -> RawSequence:
+    def read(path: Path, config: InputConfig) -> RawSequence:
         color_times, color = _image_list(path / "rgb.txt")
         depth_times, depth = _image_list(path / "depth.txt")
         pose_times, poses = _trajectory(path / "groundtruth.txt")
-        of_depth, of_pose = _nearest(color_times, depth_times), _nearest(color_times, pose_times)
+        gap = config.time_tolerance
+        of_depth, of_pose = nearest(color_times, depth_times, gap), nearest(color_times, pose_times, gap)
         used = np.flatnonzero((of_depth >= 0) & (of_pose >= 0))
         if not used.size:
             found = f"{len(color)} colour, {len(depth)} depth images and {len(poses)} poses with no common time"
-            advice = "check that the three files use one clock"
-            raise InputError(path, expected=f"times within {MAX_GAP} s", found=found, advice=advice)
+            advice = "check that the three files use one clock, or raise input.time_tolerance"
+            raise InputError(path, expected=f"times within {gap} s", found=found, advice=advice)
         frames = [
             RawFrame(
                 where=str(path / color[i]),
@@ -90,15 +90,6 @@ def _trajectory(path: Path) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.flo
         raise InputError(path, expected="lines of time tx ty tz qx qy qz qw", found=found, advice=advice)
     table = values.reshape(-1, 8)
     return table[:, 0], table[:, 1:]
-
-
-def _nearest(times: npt.NDArray[np.float64], others: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
-    """Index of the other time nearest to each time; -1 where it is more than `MAX_GAP` away."""
-    order = np.argsort(others)
-    place = np.searchsorted(others[order], times).clip(1, max(len(others) - 1, 1))
-    before, after = order[place - 1], order[np.minimum(place, len(others) - 1)]
-    nearest = np.where(np.abs(others[before] - times) <= np.abs(others[after] - times), before, after)
-    return np.where(np.abs(others[nearest] - times) <= MAX_GAP, nearest, -1)
 
 
 def _intrinsics(path: Path, size: tuple[int, int]) -> tuple[Intrinsics, str]:
