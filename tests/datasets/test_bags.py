@@ -8,8 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from tests.datasets.scene import CAMERA, pose, render
+from uppm.cli.main import app
 from uppm.core.config import Config, InputConfig
 from uppm.core.errors import BadFrameError, InputError, MissingExtraError
 from uppm.core.geometry import invert, pose_from_quaternion
@@ -180,6 +182,15 @@ def test_other_wrong_input_is_one_line(tmp_path: Path) -> None:
     broken.write_bytes(b"#ROSBAG V2.0\nnot much")
     with pytest.raises(InputError, match=r"broken\.bag: expected a ROS bag, found one that cannot be read"):
         opened(broken)
+
+
+def test_the_command_checks_a_bag_and_says_what_is_missing(tmp_path: Path) -> None:
+    path = str(bags.write(tmp_path / "room", without(bags.room(bags.Maker(ros1=False)), "/camera/depth/camera_info")))
+    missing = CliRunner().invoke(app, ["check", path])
+    assert isinstance(missing.exception, InputError)
+    assert "at /camera/depth/camera_info, found camera_info only at /camera/color/camera_info" in str(missing.exception)
+    named = ["check", path, "--set", "input.depth_info_topic=/camera/color/camera_info"]
+    assert CliRunner().invoke(app, named).exit_code == 0
 
 
 def test_without_the_library_the_command_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,6 +22,7 @@ def check(
     invert_poses: Annotated[bool, typer.Option("--invert-poses", help="Pose files are world-to-camera.")] = False,
     pose_axes: Annotated[str, typer.Option(help="Camera axes of the pose files: opencv or opengl.")] = "opencv",
     quaternion_order: Annotated[str, typer.Option(help="Quaternions in pose files: xyzw or wxyz.")] = "xyzw",
+    set_: Annotated[list[str] | None, typer.Option("--set", help="One setting, as input.pose_topic=/odom.")] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Read about 24 frames instead of all.")] = False,
     strict: Annotated[bool, typer.Option("--strict", help="End at the first frame that cannot be used.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
@@ -39,7 +40,7 @@ def check(
         "strict": strict,
     }
     overrides = [f"input.{key}={json.dumps(value)}" for key, value in settings.items()]
-    source = open_sequence(sequence, Config.load(overrides=overrides).input)
+    source = open_sequence(sequence, Config.load(overrides=[*overrides, *(set_ or [])]).input)
     result = check_sequence(source, quick=quick)
     if as_json:
         typer.echo(json.dumps(_as_dict(result), indent=2))
