@@ -6,45 +6,15 @@ import os
 
 import numba
 import numpy as np
-import numpy.typing as npt
 import pytest
 
+from tests.fusion.scenes import RING, TARGET, fuse, objects, similarity, vertices
 from tests.scenes import Box, Plane, Sphere, described, look_at, render
 from uppm._kernels.reference import voxel_centers
-from uppm.core.categories import category_by_name, unified_categories
+from uppm.core.categories import category_by_name
 from uppm.core.config import FusionConfig
-from uppm.core.types import Submap, SubmapKind, SubmapState
+from uppm.core.types import SubmapKind, SubmapState
 from uppm.fusion.engine import PanopticFusion
-from uppm.map.mesh import submap_mesh
-
-RING = [[1.7 * np.cos(a), 1.7 * np.sin(a), 1.1] for a in np.linspace(0, 2 * np.pi, 12, endpoint=False)]
-TARGET = [0.0, 0.0, 0.3]
-
-
-def similarity(**pairs: float) -> npt.NDArray[np.float32]:
-    """Cosines of categories: 1 with itself, 0 with others, but for those given as `table__dining_table=0.8`."""
-    row = {category.name.replace(" ", "_"): n for n, category in enumerate(unified_categories())}
-    matrix = np.eye(len(row), dtype=np.float32)
-    for pair, value in pairs.items():
-        a, b = (row[name] for name in pair.split("__"))
-        matrix[a, b] = matrix[b, a] = value
-    return matrix
-
-
-def fuse(shapes, names, eyes=RING, config=None, matrix=None) -> PanopticFusion:
-    fusion = PanopticFusion(config or FusionConfig(max_blocks=20000), similarity() if matrix is None else matrix)
-    for n, eye in enumerate(eyes):
-        frame, ids = render(shapes, look_at(eye, TARGET), n)
-        fusion.fuse(frame, described(ids, names))
-    return fusion
-
-
-def objects(fusion: PanopticFusion) -> list[Submap]:
-    return [s for s in fusion.submaps() if s.descriptor is not None]
-
-
-def vertices(fusion: PanopticFusion, submap: Submap) -> npt.NDArray[np.float32]:
-    return submap_mesh(submap, fusion.blocks(submap.id)).vertices
 
 
 def test_plane_and_sphere_lie_where_they_are() -> None:

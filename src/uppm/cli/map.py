@@ -29,7 +29,7 @@ def map_command(
     pose_axes: Annotated[str | None, typer.Option(help="Camera axes of the poses: opencv or opengl.")] = None,
     quaternion_order: Annotated[str | None, typer.Option(help="xyzw or wxyz.")] = None,
     up: Annotated[str | None, typer.Option(help="Up axis of the map: auto, +x, -x, +y, -y, +z or -z.")] = None,
-    config: Annotated[Path | None, typer.Option(help="YAML file of settings.")] = None,
+    config: Annotated[str | None, typer.Option(help="YAML file of settings, or uppm, paper, panmap.")] = None,
     set_: Annotated[list[str] | None, typer.Option("--set", help="One setting, as fusion.truncation=3.")] = None,
     checkpoint_every: Annotated[int | None, typer.Option(min=1, help="Frames between checkpoints.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with an existing map.")] = False,

@@ -1,8 +1,9 @@
-"""Every setting, nested, with its default; `Config.load` merges a YAML file and `key.path=value` overrides."""
+"""Every setting, nested, with its default; `Config.load` merges a preset or a file and `key.path=value` overrides."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from importlib import resources
 from pathlib import Path
 from typing import Any, Literal
 
@@ -11,6 +12,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from uppm.core.errors import ConfigError
 
+PRESETS = ("uppm", "paper", "panmap")
+"""Configurations that ship, by name: the defaults, the paper's, and the rules of Panoptic Multi-TSDFs."""
 PROFILES: Mapping[str, Mapping[str, str | None]] = {
     "foundation": {
         "captioner": "tag2text",
@@ -155,8 +158,14 @@ class FusionConfig(Section):
     distance: Literal["normal", "ray"] = "normal"
     """Signed distance along the surface's normal, or along the ray as Panoptic Multi-TSDFs has it."""
     max_weight: float = Field(default=1e4, gt=0)
+    interpolation: Literal["bilinear", "nearest"] = "bilinear"
+    """Of range between pixels."""
     interpolation_max_step: float = Field(default=0.2, gt=0)
     """Metres; where the four neighbours differ by more, the nearest pixel is used."""
+    belonging: Literal["majority", "once"] = "majority"
+    """Whose surface a voxel holds: as often seen as the submap's as another's, or seen so once."""
+    update: Literal["surface", "view", "tracked"] = "surface"
+    """Blocks that a frame updates: where it can change a surface, all in view, or all of submaps with a segment."""
     voxel_size: float | None = Field(default=None, gt=0)
     """One size for every submap, metres; None: the category's size prior."""
     freespace_voxel_size: float = Field(default=0.3, gt=0)
@@ -165,31 +174,51 @@ class FusionConfig(Section):
     """Metres; of the background submap that holds what no segment covers."""
     min_iou: float = Field(default=0.1, ge=0, le=1)
     """Least IoU of an association (paper equation 4)."""
+    association: Literal["optimal", "greedy"] = "optimal"
+    """One segment to one submap with the greatest total IoU, or each segment to its best."""
+    track_inactive: bool = True
+    """Inactive submaps are looked for again; otherwise an object that comes back is a new submap."""
     category_policy: Literal["same", "compatible", "any"] = "compatible"
     min_cosine: float = Field(default=0.5, ge=-1, lt=1)
     """Two categories are compatible where their embeddings agree at least so much."""
-    min_containment: float = Field(default=0.6, ge=0, le=1)
-    """Share of a segment on one submap's surface at which it joins it though its IoU is low."""
+    min_containment: float | None = Field(default=0.6, ge=0, le=1)
+    """Share of a segment on one submap's surface at which it joins it though its IoU is low; None: never."""
     min_area: float = Field(default=12.0, ge=0)
     """Area in voxel faces that a segment must cover to found a submap."""
-    votes: Literal["weighted", "count"] = "weighted"
-    """Votes for the category by score and distance, or one an observation."""
+    min_pixels: int = Field(default=0, ge=0)
+    """Pixels that it must have besides, at 640x480; scales with the image's area."""
+    votes: Literal["weighted", "count", "first"] = "weighted"
+    """Votes for the category: by score and distance, one an observation, or the first label's alone."""
+    life_cycle: Literal["evidence", "count"] = "evidence"
+    """Submaps are confirmed and removed by evidence in views, or by counting frames."""
+    confirm_frames: int = Field(default=5, ge=1)
+    """With `count`: frames right after its first in each of which a submap must be seen, or is deleted."""
     confirm_evidence: float = Field(default=1.0, ge=0)
     """Sum of detection scores at which a tentative submap is confirmed, and which it must still have at the end."""
     min_expected: int = Field(default=20, ge=1)
     """Surface voxels that must be in view for a frame to count as a miss."""
     max_misses: int = Field(default=5, ge=1)
     """Misses in view after which a tentative submap is removed and a confirmed one becomes inactive."""
+    miss_penalty: float = Field(default=0.05, ge=0)
+    """Evidence that an object in view loses by a frame without a segment of it."""
+    resample: bool = True
+    """A submap's voxels follow its category's size prior."""
     resample_confidence: float = Field(default=0.6, ge=0, le=1)
     """Confidence of a category at which its size prior is taken over."""
     resample_views: int = Field(default=4, ge=1)
     """Views before a submap is resampled for the first time."""
-    miss_penalty: float = Field(default=0.05, ge=0)
-    """Evidence that an object in view loses by a frame without a segment of it."""
+    merge_deactivated: Literal["all", "inactive", "none"] = "all"
+    """Submaps that one is compared with when it becomes inactive, to be merged with its duplicates."""
+    merge_by: Literal["overlap", "agreement"] = "overlap"
+    """Duplicates: by the share of surface and by boxes, or by points that agree and none that conflict."""
     merge_overlap: float = Field(default=0.5, ge=0, le=1)
     """Share of one submap's surface that lies beside another's at which the two are merged."""
-    merge_frames: int = Field(default=3, ge=1)
-    """Frames in which one segment covers two submaps after which the two are merged."""
+    merge_frames: int | None = Field(default=3, ge=1)
+    """Frames in which one segment covers two submaps after which the two are merged; None: never."""
+    split_frames: int | None = Field(default=10, ge=1)
+    """Frames in which two segments fall on separate parts of a submap after which it is split; None: never."""
+    clean: bool = True
+    """Objects lose their stray parts at the end."""
     min_surface: int = Field(default=12, ge=1)
     """Surface voxels that a submap must hold at the end."""
     max_blocks: int = Field(default=2_000_000, ge=1024)
@@ -212,16 +241,23 @@ class Config(Section):
     map: MapConfig = MapConfig()
 
     @classmethod
-    def load(cls, file: Path | None = None, overrides: Sequence[str] = ()) -> Config:
-        """Defaults, then the YAML file, then overrides of the form `fusion.truncation=3`.
+    def load(cls, source: Path | str | None = None, overrides: Sequence[str] = ()) -> Config:
+        """Defaults, then a preset or a YAML file, then overrides of the form `fusion.truncation=3`.
+
+        Parameters
+        ----------
+        source : str, Path or None
+            Name of one of `PRESETS`, or a file; `Path("paper")` and "./paper" are files. A file may build on a preset
+            with `base: paper`.
+        overrides : sequence of str
 
         Raises
         ------
         ConfigError
             A key is unknown or a value does not fit; the message names it.
         """
-        data = _read_yaml(file) if file else {}
-        source = str(file) if file else "configuration"
+        data = _settings(source) if source else {}
+        source = str(source) if source else "configuration"
         for override in overrides:
             _apply(data, override)
         try:
@@ -236,17 +272,40 @@ class Config(Section):
             raise ConfigError(source, expected=f"a valid {where!r}", found=found, advice=advice) from None
 
 
-def _read_yaml(file: Path) -> dict[str, Any]:
+def _settings(source: Path | str) -> dict[str, Any]:
+    """What a file says, over the preset that it builds on."""
+    data = _read_yaml(source)
+    base = data.pop("base", None)
+    if base is None:
+        return data
+    if base not in PRESETS:
+        expected = f"one of {', '.join(PRESETS)} as `base`"
+        raise ConfigError(source, expected=expected, found=repr(base), advice="name one, or drop `base`")
+    return _merged(_settings(base), data)
+
+
+def _merged(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
+    """Settings of both, section by section; the latter win."""
+    both = dict(base)
+    for key, value in over.items():
+        inner: Any = both.get(key)
+        both[key] = _merged(inner, value) if isinstance(inner, dict) and isinstance(value, dict) else value  # pyright: ignore[reportUnknownArgumentType]
+    return both
+
+
+def _read_yaml(source: Path | str) -> dict[str, Any]:
+    preset = source in PRESETS
+    file = resources.files("uppm.data").joinpath("presets", f"{source}.yaml") if preset else Path(source)
     try:
         data = yaml.safe_load(file.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        found = str(error).replace("\n", " ")
-        raise ConfigError(file, expected="a YAML file", found=found, advice="correct or drop --config") from None
+        found, advice = str(error).replace("\n", " "), f"correct or drop --config, or name one of {', '.join(PRESETS)}"
+        raise ConfigError(source, expected="a YAML file", found=found, advice=advice) from None
     if data is None:
         return {}
     if not isinstance(data, dict):
         advice = "write sections such as `fusion:`"
-        raise ConfigError(file, expected="a YAML mapping", found=type(data).__name__, advice=advice)
+        raise ConfigError(source, expected="a YAML mapping", found=type(data).__name__, advice=advice)
     return data  # pyright: ignore[reportUnknownVariableType]
 
 

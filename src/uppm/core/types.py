@@ -258,6 +258,10 @@ class Submap:
     """Accumulated detection score less negative evidence."""
     companions: tuple[tuple[int, int], ...] = ()
     """(id, frames) of submaps that one segment covered together with this one, so far without merging."""
+    apart: int = 0
+    """Frames in which two segments fell on separate parts of it, less those in which one covered both."""
+    parts: npt.NDArray[np.int32] | None = None
+    """(N, 4), sorted: cells x, y, z of 2 voxels, and frames that saw each on the one part less those on the other."""
     bounds: npt.NDArray[np.float64]
     """(2, 3): lowest and highest corner of the observed surface in frame map; NaN where there is none."""
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -10,9 +11,9 @@ from scipy.spatial import KDTree
 
 from uppm.core.config import FusionConfig
 from uppm.core.geometry import invert, transform
-from uppm.core.types import SubmapKind
+from uppm.core.types import VOXELS_PER_SIDE, SubmapKind, SubmapState, VoxelBlocks
 from uppm.fusion import descriptors
-from uppm.fusion.resampling import combine, resample
+from uppm.fusion.resampling import FULL, combine, resample
 from uppm.fusion.submaps import LiveSubmap
 from uppm.fusion.tracking import CategoryPolicy
 from uppm.fusion.volume import Volume
@@ -21,6 +22,9 @@ MAX_POINTS = 4000
 """Surface points looked up for one submap of a pair."""
 NEAR = 1.5
 """Voxels within which two surfaces are one: duplicates take turns in owning a surface and never share a voxel."""
+
+MIN_POINTS, MIN_SHARE = 20, 0.02
+"""Points, and share of them, by which two submaps agree or conflict."""
 
 SAME_BOX, PART_IN_BOX, PIECE_IN_BOX = 0.5, 0.9, 0.8
 """IoU of two objects' boxes, share of one's box in another's, and of a background piece's: from there they are one."""
@@ -40,11 +44,16 @@ def merge(kept: LiveSubmap, other: LiveSubmap, volume: Volume) -> None:
         kept.descriptor = descriptors.merge(kept.descriptor, other.descriptor)
     if SubmapKind.OBJECT in (kept.kind, other.kind):
         kept.kind = SubmapKind.OBJECT
+    if kept.state is not other.state:
+        # One of the two was confirmed: an inactive one was, before.
+        kept.state = SubmapState.CONFIRMED
+    kept.misses = min(kept.misses, other.misses)
     kept.first_frame = min(kept.first_frame, other.first_frame)
     kept.last_frame = max(kept.last_frame, other.last_frame)
     kept.views += other.views
     kept.evidence += other.evidence
     kept.companions.pop(other.id, None)
+    kept.forget_parts()
 
 
 def older(a: LiveSubmap, b: LiveSubmap) -> tuple[LiveSubmap, LiveSubmap]:
@@ -53,56 +62,113 @@ def older(a: LiveSubmap, b: LiveSubmap) -> tuple[LiveSubmap, LiveSubmap]:
     return kept, other
 
 
-def find_duplicates(
-    submaps: Mapping[int, LiveSubmap], volume: Volume, policy: CategoryPolicy, config: FusionConfig
-) -> Iterator[tuple[LiveSubmap, LiveSubmap]]:
-    """Pairs to merge, most overlapping first; the caller merges each before it asks for the next.
+def told_apart(submap: LiveSubmap, seen: Set[int]) -> None:
+    """Both the submap and some of its companions had segments of their own: that speaks against merging them."""
+    for other in submap.companions.keys() & seen:
+        submap.companions[other] -= 1
+        if not submap.companions[other]:
+            del submap.companions[other]
 
-    Two submaps are one where enough of either's surface lies beside the other's and their categories go together.
+
+@dataclass(frozen=True, kw_only=True)
+class Likeness:
+    """How far two submaps are one, by geometry and descriptors together.
+
+    `overlap`: enough of either's surface lies beside the other's, or both fill one box; the less their categories
+    agree, the more is asked for. `agreement`: the test of Panoptic Multi-TSDFs, surface points looked up in voxels.
     """
-    points = {s.id: _points(s, volume) for s in submaps.values() if s.descriptor}
-    while pair := _most_overlapping(submaps, points, policy, config):
+
+    volume: Volume
+    policy: CategoryPolicy
+    config: FusionConfig
+
+    def points(self, submap: LiveSubmap) -> npt.NDArray[np.float64]:
+        """Points (N, 3) of a submap's surface, frame map; a few thousand at most."""
+        points = transform(submap.T_map_submap, self.volume.surface_points(submap.slot))
+        return points[:: max(1, len(points) // MAX_POINTS)]
+
+    def __call__(
+        self, a: LiveSubmap, b: LiveSubmap, points_a: npt.NDArray[np.float64], points_b: npt.NDArray[np.float64]
+    ) -> float:
+        """0 where the two are not one; the greater, the likelier."""
+        least = self.policy.least_overlap([a.category_id], [b.category_id], self.config.merge_overlap)[0, 0]
+        if self.config.merge_by == "agreement":
+            if not np.isfinite(least):
+                return 0.0
+            return max(_agreement(points_a, b, self.volume), _agreement(points_b, a, self.volume))
+        if least > 1:
+            return 0.0
+        near = NEAR * max(a.voxel_size, b.voxel_size)
+        overlap = max(_share_near(points_a, points_b, near), _share_near(points_b, points_a, near))
+        if a.category_id == b.category_id and _fill_one_box(a, b, points_a, points_b):
+            overlap = max(overlap, 1.0)
+        return overlap if overlap >= least else 0.0
+
+
+def find_duplicates(submaps: Mapping[int, LiveSubmap], likeness: Likeness) -> Iterator[tuple[LiveSubmap, LiveSubmap]]:
+    """Pairs to merge, likeliest first; the caller merges each before it asks for the next."""
+    points = {s.id: likeness.points(s) for s in submaps.values() if s.descriptor}
+    while pair := _likeliest(((submaps[m], submaps[n]) for m, n in _neighbours(points)), points, likeness):
         kept, other = older(*pair)
         yield kept, other
         del points[other.id]
-        points[kept.id] = _points(kept, volume)
+        points[kept.id] = likeness.points(kept)
 
 
-def _points(submap: LiveSubmap, volume: Volume) -> npt.NDArray[np.float64]:
-    points = transform(submap.T_map_submap, volume.surface_points(submap.slot))
-    return points[:: max(1, len(points) // MAX_POINTS)]
+def find_duplicate(submap: LiveSubmap, others: Sequence[LiveSubmap], likeness: Likeness) -> LiveSubmap | None:
+    """The one of the others that is likeliest the same as a submap; None where none is."""
+    points = {s.id: likeness.points(s) for s in (submap, *others)}
+    by_id = {s.id: s for s in others}
+    meet = {m if n == submap.id else n for m, n in _neighbours(points) if submap.id in (m, n)}
+    pair = _likeliest(((submap, by_id[n]) for n in sorted(meet)), points, likeness)
+    return pair[1] if pair else None
 
 
-def _most_overlapping(
-    submaps: Mapping[int, LiveSubmap],
+def _likeliest(
+    pairs: Iterable[tuple[LiveSubmap, LiveSubmap]],
     points: Mapping[int, npt.NDArray[np.float64]],
-    policy: CategoryPolicy,
-    config: FusionConfig,
+    likeness: Likeness,
 ) -> tuple[LiveSubmap, LiveSubmap] | None:
     best, found = 0.0, None
-    for a, b in _neighbours(submaps, points):
-        least = policy.least_overlap([a.category_id], [b.category_id], config.merge_overlap)[0, 0]
-        if least > 1:
-            continue
-        near = NEAR * max(a.voxel_size, b.voxel_size)
-        overlap = max(_share_near(points[a.id], points[b.id], near), _share_near(points[b.id], points[a.id], near))
-        if a.category_id == b.category_id and _fill_one_box(a, b, points[a.id], points[b.id]):
-            overlap = max(overlap, 1.0)
-        if overlap >= least and overlap > best:
-            best, found = overlap, (a, b)
+    for a, b in pairs:
+        value = likeness(a, b, points[a.id], points[b.id])
+        if value > best:
+            best, found = value, (a, b)
     return found
 
 
-def _neighbours(
-    submaps: Mapping[int, LiveSubmap], points: Mapping[int, npt.NDArray[np.float64]]
-) -> Iterator[tuple[LiveSubmap, LiveSubmap]]:
-    """Pairs whose bounding boxes meet."""
+def _neighbours(points: Mapping[int, npt.NDArray[np.float64]]) -> Iterator[tuple[int, int]]:
+    """Ids of pairs whose bounding boxes meet."""
     boxes = {n: (p.min(axis=0), p.max(axis=0)) for n, p in points.items() if len(p)}
     ids = sorted(boxes)
     for i, m in enumerate(ids):
         for n in ids[i + 1 :]:
             if (boxes[m][0] <= boxes[n][1]).all() and (boxes[n][0] <= boxes[m][1]).all():
-                yield submaps[m], submaps[n]
+                yield m, n
+
+
+def _agreement(points: npt.NDArray[np.float64], other: LiveSubmap, volume: Volume) -> float:
+    """Share of a submap's surface points (N, 3), frame map, that lie on another's surface; 0 where the two conflict.
+
+    A point agrees within a voxel of the other's surface, and conflicts where it lies deeper behind it; each counts
+    above 20 points and 2 %, as in Panoptic Multi-TSDFs.
+    """
+    at = transform(invert(other.T_map_submap), points) / other.voxel_size
+    distance, belongs = _look_up(np.floor(at).astype(np.int64), volume.gather(volume.indices(other.slot)))
+    one_voxel = FULL * other.voxel_size / other.truncation
+    conflicts = (belongs & (distance < -one_voxel)).sum()
+    agrees = (belongs & (np.abs(distance) <= one_voxel)).sum()
+    limit = max(MIN_POINTS, MIN_SHARE * len(points))
+    return float(agrees / len(points)) if agrees > limit >= conflicts else 0.0
+
+
+def _look_up(voxels: npt.NDArray[np.int64], blocks: VoxelBlocks) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.bool_]]:
+    """Distance (N,) at voxel coordinates (N, 3), and whether a voxel is there and belongs."""
+    row = {tuple(c): n for n, c in enumerate(blocks.coords.tolist())}
+    found = np.array([row.get(tuple(c), -1) for c in (voxels // VOXELS_PER_SIDE).tolist()], dtype=np.intp)
+    at = (found, *(voxels % VOXELS_PER_SIDE).T)
+    own = blocks.belonging[at]
+    return blocks.distance[at], (found >= 0) & (own[:, 0] > 0) & (own[:, 0] >= own[:, 1])
 
 
 def _fill_one_box(

@@ -10,6 +10,11 @@ import numpy.typing as npt
 from uppm.core.types import DynamicDescriptor, Submap, SubmapKind, SubmapState
 
 
+def no_parts() -> npt.NDArray[np.int32]:
+    """Cells (N, 4) of a submap that was never seen as two objects, as `Submap.parts`."""
+    return np.empty((0, 4), dtype=np.int32)
+
+
 @dataclass(kw_only=True, eq=False)
 class LiveSubmap:
     """A submap while it is mapped; fields as in `uppm.core.types.Submap`, plus its slot in the volume."""
@@ -27,12 +32,18 @@ class LiveSubmap:
     misses: int = 0
     evidence: float = 0.0
     companions: dict[int, int] = field(default_factory=dict)
+    apart: int = 0
+    parts: npt.NDArray[np.int32] = field(default_factory=no_parts)
     T_map_submap: npt.NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
 
     @property
     def category_id(self) -> int:
         """Unified category; 0 for freespace, which has none."""
         return self.descriptor.category.id if self.descriptor else 0
+
+    def forget_parts(self) -> None:
+        """Begin anew to look for two objects in it."""
+        self.apart, self.parts = 0, no_parts()
 
     def record(self, bounds: npt.NDArray[np.float64]) -> Submap:
         """Its state now, with the bounds (2, 3) of its surface in frame map."""
@@ -50,6 +61,8 @@ class LiveSubmap:
             misses=self.misses,
             evidence=self.evidence,
             companions=tuple(sorted(self.companions.items())),
+            apart=self.apart,
+            parts=self.parts if self.apart else None,
             bounds=bounds,
         )
 
@@ -70,5 +83,7 @@ class LiveSubmap:
             misses=record.misses,
             evidence=record.evidence,
             companions=dict(record.companions),
+            apart=record.apart,
+            parts=no_parts() if record.parts is None else record.parts,
             T_map_submap=record.T_map_submap.copy(),
         )

@@ -72,6 +72,14 @@ def assign(iou: npt.NDArray[np.float64], least: npt.NDArray[np.float64]) -> npt.
     return targets
 
 
+def assign_greedily(iou: npt.NDArray[np.float64], least: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
+    """Row of the submap of highest IoU for each segment, or NEW; several segments may go to one (paper equation 4)."""
+    if not len(iou):
+        return np.full(iou.shape[1], NEW, dtype=np.intp)
+    accepted = np.where(iou >= least, iou, -1.0)
+    return np.where(accepted.max(axis=0) >= 0, accepted.argmax(axis=0), NEW)
+
+
 def join_contained(
     targets: npt.NDArray[np.intp],
     overlap: npt.NDArray[np.int64],

@@ -23,9 +23,10 @@ from uppm.core.types import (
     SubmapKind,
     SubmapState,
 )
-from uppm.map._schema import CHANGES
+from uppm.map._schema import CHANGES, PARTS
 
 Row = Sequence[Any]
+Parts = tuple[int, npt.NDArray[np.int32]]
 
 
 def pose_blob(pose: npt.NDArray[np.float64]) -> bytes:
@@ -98,10 +99,16 @@ def read_labels(rows: Iterable[Row]) -> dict[int, list[LabelRecord]]:
     return labels
 
 
-def read_submap(row: Row, categories: Mapping[int, Category], labels: Mapping[int, Sequence[LabelRecord]]) -> Submap:
-    """A row of `submaps` with its category and labels."""
+def read_submap(
+    row: Row,
+    categories: Mapping[int, Category],
+    labels: Mapping[int, Sequence[LabelRecord]],
+    parts: Mapping[int, Parts],
+) -> Submap:
+    """A row of `submaps` with its category, labels and parts."""
     id_, kind, state, category, confidence, voxel_size, truncation, pose, *history = row[:14]
     first, last, views, misses, evidence, companions = history
+    apart, cells = parts.get(id_, (0, None))
     descriptor = None
     if category is not None:
         descriptor = DynamicDescriptor(
@@ -121,6 +128,8 @@ def read_submap(row: Row, categories: Mapping[int, Category], labels: Mapping[in
         misses=misses,
         evidence=evidence,
         companions=tuple(_pair(text) for text in companions.split(",") if text),
+        apart=apart,
+        parts=cells,
         bounds=np.array(row[14:20], dtype=np.float64).reshape(2, 3),
     )
 
@@ -186,6 +195,23 @@ def read_changes(db: sqlite3.Connection) -> tuple[Change, ...]:
     return tuple(map(read_change, db.execute("SELECT * FROM changes ORDER BY position")))
 
 
+def read_parts(db: sqlite3.Connection) -> dict[int, Parts]:
+    """Submap id -> frames in which it fell apart, and the cells (N, 4) of its parts."""
+    if not db.execute("SELECT 1 FROM sqlite_master WHERE name = 'parts'").fetchone():
+        return {}
+    rows = db.execute("SELECT submap, frames, cells FROM parts")
+    return {
+        id_: (frames, np.frombuffer(cells, dtype="<i4").reshape(-1, 4).astype(np.int32)) for id_, frames, cells in rows
+    }
+
+
+def _write_parts(db: sqlite3.Connection, submaps: Sequence[Submap]) -> None:
+    db.execute(PARTS)
+    db.execute("DELETE FROM parts")
+    rows = [(s.id, s.apart, s.parts.astype("<i4").tobytes()) for s in submaps if s.parts is not None]
+    db.executemany("INSERT INTO parts VALUES (?, ?, ?)", rows)
+
+
 def upsert_submaps(db: sqlite3.Connection, submaps: Sequence[Submap]) -> None:
     """Write all submaps with categories and labels; delete those that vanished (their blocks follow by cascade)."""
     gone = {row[0] for row in db.execute("SELECT id FROM submaps")} - {s.id for s in submaps}
@@ -201,3 +227,4 @@ def upsert_submaps(db: sqlite3.Connection, submaps: Sequence[Submap]) -> None:
     db.execute("DELETE FROM labels")
     rows = [row for submap in submaps for row in label_rows(submap)]
     db.executemany("INSERT INTO labels VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", rows)
+    _write_parts(db, submaps)

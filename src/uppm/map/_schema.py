@@ -42,3 +42,9 @@ CREATE TABLE IF NOT EXISTS changes (
     category TEXT NOT NULL, label TEXT NOT NULL,
     old_x REAL, old_y REAL, old_z REAL, new_x REAL, new_y REAL, new_z REAL, evidence TEXT NOT NULL)
 """
+
+# Not among `TABLES`: maps of before submaps were split have none.
+PARTS = """
+CREATE TABLE IF NOT EXISTS parts (
+    submap INTEGER PRIMARY KEY REFERENCES submaps (id) ON DELETE CASCADE, frames INTEGER NOT NULL, cells BLOB NOT NULL)
+"""
