@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -12,21 +11,15 @@ import numpy.typing as npt
 from uppm.core.categories import category_by_name, plain_name, unified_categories
 from uppm.core.protocols import TextEncoder
 from uppm.core.types import Category
-from uppm.perception.labels.lemma import head_index, lemmatize
+from uppm.perception.labels.lemma import lemmatize
 from uppm.perception.retrieval.embeddings import LabelEmbeddings, shipped_embeddings
-from uppm.perception.retrieval.prototypes import prototypes
+from uppm.perception.retrieval.prototypes import lexicon, prototypes
+from uppm.perception.retrieval.scores import category_scores, softmax
 
-TERM_TEMPERATURE = 0.05
-"""Cosine by which a prototype falls behind the best before it stops to matter."""
-GLOSS_WEIGHT = 0.2
-HEAD_BONUS = 0.1
-SOFTMAX_TEMPERATURE = 0.05
-MIN_PROBABILITY = 0.2
+SOFTMAX_TEMPERATURE = 0.063
+"""At which the probabilities are calibrated on words that are not in the table."""
+MIN_PROBABILITY = 0.15
 """Below it no single category is good, and the supercategory answers."""
-MEASURES = frozenset(
-    ("pair", "stack", "pile", "heap", "bunch", "set", "piece", "slice", "row", "group", "lot", "couple")
-)
-"""What comes before `of` without being the thing."""
 
 _CATCH_ALL = {
     "furniture": "furniture-other",
@@ -66,10 +59,19 @@ class PaperRetriever:
 
 
 class PrototypeRetriever:
-    """Names, synonyms and a gloss of each category; head noun apart; a catch-all when nothing is good."""
+    """Names, synonyms and glosses of each category; the head noun apart; a catch-all when nothing is good.
 
-    def __init__(self, encoder: TextEncoder | None = None) -> None:
+    Parameters
+    ----------
+    encoder : TextEncoder, optional
+        None: `LabelEmbeddings`.
+    leave_out : bool
+        Judge each label without its own entry in the table, as if it had not been foreseen; for evaluation.
+    """
+
+    def __init__(self, encoder: TextEncoder | None = None, *, leave_out: bool = False) -> None:
         self._encoder = encoder if encoder is not None else LabelEmbeddings()
+        self._leave_out = leave_out
         self._known: dict[str, Category] = {}
 
     def retrieve(self, texts: Sequence[str]) -> tuple[Category, ...]:
@@ -80,85 +82,11 @@ class PrototypeRetriever:
         return tuple(self._known[text] for text in texts)
 
     def _find(self, phrase: str) -> Category:
-        row = lexicon().get(phrase)
+        row = None if self._leave_out else lexicon().get(phrase)
         if row is not None:
             return unified_categories()[row]
-        scores = category_scores(self._encoder.encode([phrase])[0], phrase)
+        scores = category_scores(self._encoder.encode([phrase])[0], phrase, leave_out=self._leave_out)
         return choose(softmax(scores / SOFTMAX_TEMPERATURE))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PrototypeTable:
-    """All terms' vectors, category by category."""
-
-    terms: npt.NDArray[np.float32]
-    """(N, D)."""
-    phrases: tuple[str, ...]
-    """Lemmatised text of each term."""
-    starts: npt.NDArray[np.intp]
-    """(171,) first term of each category."""
-    glosses: npt.NDArray[np.float32]
-    """(171, D)."""
-
-
-@cache
-def prototype_table() -> PrototypeTable:
-    """The shipped vectors of the prototypes."""
-    vectors, rows = shipped_embeddings(), prototypes()
-    sizes = [len(row.terms) for row in rows]
-    return PrototypeTable(
-        terms=np.stack([vectors[term] for row in rows for term in row.terms]),
-        phrases=tuple(lemmatize(term) for row in rows for term in row.terms),
-        starts=np.cumsum([0, *sizes[:-1]]),
-        glosses=np.stack([vectors[row.gloss] for row in rows]),
-    )
-
-
-@cache
-def lexicon() -> dict[str, int]:
-    """Lemmatised name or term -> row of the category table."""
-    found: dict[str, int] = {}
-    for number, row in enumerate(prototypes()):
-        for text in (row.category.name, plain_name(row.category.name), *row.terms):
-            found.setdefault(lemmatize(text), number)
-    return found
-
-
-def category_scores(
-    vector: npt.NDArray[np.float32], phrase: str, *, leave_out: bool = False
-) -> npt.NDArray[np.float64]:
-    """(171,): soft maximum of the cosines with a category's terms, plus its gloss's, plus a bonus for the head noun.
-
-    `leave_out` takes the phrase's own entry out of the table, as if it had not been foreseen; for evaluation.
-    """
-    table = prototype_table()
-    cosines = (table.terms @ vector).astype(np.float64)
-    closeness = np.exp((cosines - 1) / TERM_TEMPERATURE)
-    if leave_out:
-        own = phrase.replace(" ", "")
-        closeness[[other.replace(" ", "") == own for other in table.phrases]] = 0
-    terms = TERM_TEMPERATURE * np.log(np.add.reduceat(closeness, table.starts) + 1e-30) + 1
-    scores = terms + GLOSS_WEIGHT * (table.glosses @ vector)
-    head = known_head(phrase)
-    if head is not None:
-        scores[lexicon()[head]] += HEAD_BONUS
-    return scores
-
-
-def known_head(phrase: str) -> str | None:
-    """The longest proper part of a noun phrase that ends in its head and is a term: 'tall red lamp' -> 'lamp'."""
-    words = phrase.split()
-    while len(words) > 2 and words[0] in MEASURES and words[1] == "of":
-        words = words[2:]
-    end = head_index(words) + 1 if words else 0
-    endings = (lemmatize(" ".join(words[start:end])) for start in range(end))
-    return next((ending for ending in endings if ending != phrase and ending in lexicon()), None)
-
-
-def softmax(scores: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Probabilities of scores."""
-    raised = np.exp(scores - scores.max())
-    return raised / raised.sum()
 
 
 def choose(probabilities: npt.NDArray[np.float64]) -> Category:
@@ -194,9 +122,5 @@ def _name_vectors() -> npt.NDArray[np.float32]:
 @cache
 def category_vectors() -> dict[int, npt.NDArray[np.float32]]:
     """Category id -> unit vectors (K, D) of its terms and gloss; what `uppm.map.query.rank` compares a query with."""
-    table = prototype_table()
-    terms = np.split(table.terms, table.starts[1:])
-    return {
-        row.category.id: np.vstack([own, gloss])
-        for row, own, gloss in zip(prototypes(), terms, table.glosses, strict=True)
-    }
+    vectors = shipped_embeddings()
+    return {row.category.id: np.stack([vectors[text] for text in (*row.terms, row.gloss)]) for row in prototypes()}

@@ -69,7 +69,7 @@ def shipped_texts() -> list[str]:
     names = [category.name for category in unified_categories()]
     texts = [*names, *map(plain_name, names)]
     for row in prototypes():
-        texts += [*row.terms, row.gloss]
+        texts += [*row.terms, row.gloss, *row.wordnet_terms, *row.wordnet_glosses]
     return list(dict.fromkeys(texts))
 
 
