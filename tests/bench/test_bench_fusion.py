@@ -180,7 +180,7 @@ def test_the_command_prints_one_document_or_a_table(room: Path) -> None:
     wanted = ["bench", "fusion", "--sequence", str(room), "--voxel-size", "0.05", "--frames", "2"]
     wanted += ["--set", "fusion.max_blocks=50000"]
     document = json.loads(CliRunner().invoke(app, [*wanted, "--json"]).stdout)
-    assert (document["voxel_size"], document["segments"], document["frames"]) == (0.05, "grid8", 2)
+    assert (document["voxel_size"], document["segments"], document["frames"]) == (0.05, "groundtruth", 2)
     assert document["machine"]["numba"]
     two = json.loads(CliRunner().invoke(app, [*wanted, "--voxel-size", "0.1", "--json"]).stdout)
     assert [each["voxel_size"] for each in two] == [0.05, 0.1]
@@ -189,3 +189,12 @@ def test_the_command_prints_one_document_or_a_table(room: Path) -> None:
     assert "pip install uppm[bench]" in shown
     curve = CliRunner().invoke(app, [*wanted, "--curve", "2"]).stdout
     assert "last lap against the second" in curve
+
+
+@pytest.mark.usefixtures("no_open3d")
+def test_the_table_has_a_column_a_size_and_set_of_rules(room: Path) -> None:
+    wanted = ["bench", "fusion", "--sequence", str(room), "--frames", "2", "--set", "fusion.max_blocks=50000", "--json"]
+    grid = json.loads(CliRunner().invoke(app, [*wanted, "--segments", "grid8"]).stdout)
+    assert [each["voxel_size"] for each in grid] == [0.05, 0.03, 0.02]
+    rules = json.loads(CliRunner().invoke(app, [*wanted, "--config", "uppm", "--config", "panmap"]).stdout)
+    assert [(each["config"], each["voxel_size"]) for each in rules] == [("uppm", None), ("panmap", None)]

@@ -46,6 +46,7 @@ def growth_curve(source: FrameSource, case: FusionCase, laps: int) -> dict[str, 
     blocks, submaps, memory = zip(*extents[-laps:], strict=True)
     return {
         "sequence": source.name,
+        "config": case.config,
         "voxel_size": case.voxel_size,
         "segments": case.segments,
         "laps": laps,

@@ -51,6 +51,8 @@ class FusionCase:
     """At most so many; None: all."""
     repeat: int = 1
     """Runs over the frames, each with a new map."""
+    config: str = "uppm"
+    """Name of the settings, for the table."""
     fusion: FusionConfig = field(default_factory=FusionConfig)
 
     @property
@@ -144,6 +146,7 @@ def bench_fusion(source: FrameSource, case: FusionCase, *, open3d: bool = True) 
     times = figures([run.clock for run in ours])
     return {
         "sequence": source.name,
+        "config": case.config,
         "voxel_size": case.voxel_size,
         "segments": case.segments,
         "frames": len(ours[0].clock.seconds),

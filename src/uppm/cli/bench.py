@@ -9,7 +9,10 @@ from typing import Annotated, Any, Literal
 import typer
 
 bench_app = typer.Typer(help="Measure speed and memory on this machine (docs/performance.md).", no_args_is_help=True)
+GRID_SIZES = 0.05, 0.03, 0.02
+"""Metres, at which a grid of segments is fused where no size is asked for."""
 ROWS = {
+    "rules": lambda r: r["config"],
     "voxel size, cm": lambda r: "size priors" if r["voxel_size"] is None else f"{100 * r['voxel_size']:g}",
     "segments": lambda r: r["segments"],
     "frames x repeats": lambda r: f"{r['frames']} x {r['repeats']}",
@@ -46,8 +49,13 @@ def bench() -> None:
 @bench_app.command("fusion")
 def bench_fusion_command(
     sequence: Annotated[list[Path], typer.Option(help="Posed RGB-D sequence; repeat it for more.")],
-    voxel_size: Annotated[list[float] | None, typer.Option(min=0.005, help="Metres; size priors if absent.")] = None,
-    segments: Annotated[Literal["grid8", "groundtruth"], typer.Option(help="What is fused.")] = "grid8",
+    voxel_size: Annotated[
+        list[float] | None, typer.Option(min=0.005, help="Metres; absent: 5, 3, 2 cm for grid8, else size priors.")
+    ] = None,
+    segments: Annotated[
+        Literal["auto", "grid8", "groundtruth"], typer.Option(help="What is fused; auto: groundtruth if there is some.")
+    ] = "auto",
+    config: Annotated[list[str] | None, typer.Option(help="uppm, paper, panmap or a YAML file; repeat it.")] = None,
     frames: Annotated[int | None, typer.Option(min=1, help="Use the first so many; a lap's with --curve.")] = None,
     repeat: Annotated[int, typer.Option(min=1, help="Runs of each case.")] = 1,
     curve: Annotated[int | None, typer.Option(min=2, metavar="LAPS", help="Go on over a growing map.")] = None,
@@ -61,13 +69,18 @@ def bench_fusion_command(
     from uppm.core.config import Config
     from uppm.datasets.registry import open_sequence
 
-    config = Config.load(overrides=set_ or ())
     results: list[dict[str, Any]] = []
     for path in sequence:
-        source = open_sequence(path, config.input)
-        for size in voxel_size or [None]:
-            case = FusionCase(voxel_size=size, segments=segments, frames=frames, repeat=repeat, fusion=config.fusion)
-            results.append(growth_curve(source, case, curve) if curve else bench_fusion(source, case, open3d=open3d))
+        for name in config or ["uppm"]:
+            settings = Config.load(name, set_ or ())
+            source = open_sequence(path, settings.input)
+            kind = segments if segments != "auto" else "groundtruth" if source.frame(0).truth else "grid8"
+            for size in voxel_size or (GRID_SIZES if kind == "grid8" else [None]):
+                case = FusionCase(
+                    voxel_size=size, segments=kind, frames=frames, repeat=repeat, config=name, fusion=settings.fusion
+                )
+                found = growth_curve(source, case, curve) if curve else bench_fusion(source, case, open3d=open3d)
+                results.append(found)
     if as_json:
         typer.echo(json.dumps(results if len(results) > 1 else results[0], indent=2))
     else:
