@@ -35,7 +35,9 @@ def test_an_unknown_name_lists_the_known_ones(create, setting: str) -> None:
         create(PerceptionConfig.model_validate({setting: "nothing"}))
 
 
-@pytest.mark.parametrize("table", [registry.SEGMENTERS, registry.DETECTORS, registry.MASK_GENERATORS])
+@pytest.mark.parametrize(
+    "table", [registry.SEGMENTERS, registry.DETECTORS, registry.MASK_GENERATORS, registry.VISUAL_ENCODERS]
+)
 def test_every_name_leads_to_a_class(table: dict[str, str]) -> None:
     for target in table.values():
         module, _, name = target.partition(":")
@@ -155,6 +157,7 @@ def test_fakes_meet_their_protocols() -> None:
     generator: protocols.MaskGenerator = fakes.FakeMaskGenerator()
     segmenter: protocols.Segmenter = fakes.FakeSegmenter()
     encoder: protocols.TextEncoder = fakes.FakeTextEncoder()
+    visual: protocols.VisualEncoder = fakes.FakeVisualEncoder()
     retriever: protocols.Retriever = fakes.FakeRetriever({"mug": "cup"})
     voxels: protocols.VoxelSource = fakes.FakeVoxelSource()
     viewer = fakes.FakeFrameViewer()
@@ -163,6 +166,8 @@ def test_fakes_meet_their_protocols() -> None:
     assert found.labels[0].text == "mug"
     assert generator.masks(frame, found.boxes)[0].mean() == 0.5
     assert len(segmenter.segment(frame, ()).segments) == 2
+    red_and_blue = visual.encode(frame.color, np.array([[0, 0, 32, 48], [32, 0, 64, 48]]))
+    np.testing.assert_allclose(red_and_blue, np.eye(3)[[0, 2]], atol=0.01)
     vectors = encoder.encode(["mug", "cup", "mug"])
     np.testing.assert_array_equal(vectors[0], vectors[2])
     np.testing.assert_allclose(vectors @ vectors.T, np.eye(3) + np.eye(3)[[2, 1, 0]] * [1, 0, 1], atol=0.5)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def map_command(
     sequence: Annotated[Path, typer.Argument(readable=False, help="Folder or file of a posed RGB-D sequence.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Map file to write.", metavar="MAP.uppm")],
-    perception: Annotated[str | None, typer.Option(help="Front end: embedded, groundtruth, precomputed.")] = None,
+    perception: Annotated[str | None, typer.Option(help="Front end, such as embedded or foundation.")] = None,
     precomputed: Annotated[Path | None, typer.Option(help="Folder of id images for `precomputed`.")] = None,
     format: Annotated[str | None, typer.Option(help="Reader; found by looking if not given.")] = None,
     stride: Annotated[int | None, typer.Option(min=1, help="Use every n-th frame.")] = None,

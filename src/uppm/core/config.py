@@ -29,6 +29,7 @@ PROFILES: Mapping[str, Mapping[str, str | None]] = {
         "masks": "sam2",
         "masks_model": "sam2.1-hiera-tiny",
     },
+    "sam3": {"captioner": "tag2text"},
 }
 """Profile -> its defaults of other settings of `PerceptionConfig`, where they are not those of `embedded`."""
 
@@ -115,6 +116,10 @@ class PerceptionConfig(Section):
     """Name in `uppm models list`; None: the back end's first there."""
     segmenter_model: str | None = _of_profile("segmenter_model", None)
     """Of profiles that are one network, name in `uppm models list`; None: the profile's first there."""
+    visual_feature: str = "none"
+    """Name in `uppm.perception.registry`, or `none`: what the look of each segment is kept as, beside its labels."""
+    visual_feature_model: str | None = None
+    """Name in `uppm models list`; None: the first of `visual_feature` there."""
     device: str = Field(default="auto", pattern=r"^(auto|cpu|cuda(:\d+)?)$")
     """Of the torch back ends: auto, cpu, cuda or cuda:N; auto: cuda where there is one."""
     precision: Literal["auto", "float32", "float16", "bfloat16"] = "auto"

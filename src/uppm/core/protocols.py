@@ -69,6 +69,12 @@ class MaskGenerator(Protocol):
     def masks(self, frame: Frame, boxes: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]: ...
 
 
+class VisualEncoder(Protocol):
+    """Pictures of segments -> unit vectors (N, D) float32."""
+
+    def encode(self, color: npt.NDArray[np.uint8], boxes: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]: ...
+
+
 class TextEncoder(Protocol):
     """Texts -> unit vectors (N, D) float32; the same text always gives the same vector."""
 

@@ -13,6 +13,7 @@ from enum import Enum
 import numpy as np
 import numpy.typing as npt
 
+from uppm.core.features import VisualFeature
 from uppm.core.validation import check_array, check_pose, check_range
 
 VOXELS_PER_SIDE = 8
@@ -145,6 +146,8 @@ class ElementaryDescriptor:
     provenance: Provenance
     score: float
     """The detector's confidence, 0 to 1."""
+    feature: npt.NDArray[np.float32] | None = field(default=None, compare=False, repr=False)
+    """(D,) unit vector of how it looks, where there is one."""
 
     @property
     def voxel_size(self) -> float:
@@ -161,6 +164,8 @@ class Segment:
     """0 to 1."""
     is_thing: bool
     """A countable object (one segment, one object) rather than a stretch of background."""
+    feature: npt.NDArray[np.float32] | None = field(default=None, compare=False, repr=False)
+    """(D,) unit vector of how it looks, where `perception.visual_feature` is set."""
 
     def __post_init__(self) -> None:
         check_range(f"score of segment {self.label.text!r}", self.score, 0.0, 1.0)
@@ -174,8 +179,7 @@ class PanopticSegmentation:
     """(H, W); 0: unlabeled, k: segments[k - 1]."""
     segments: tuple[Segment, ...]
     dropped: Mapping[str, int] = field(default_factory=dict[str, int])
-    """Reason -> number of candidate segments dropped for it; `unlabeled_pixels` counts valid pixels left at 0,
-    `leaked_pixels` those that were cut off masks."""
+    """Reason -> candidate segments dropped for it; `unlabeled_pixels` (valid, left at 0), `leaked_pixels`: pixels."""
 
     def __post_init__(self) -> None:
         check_array("segmentation ids", self.ids, dtype=np.int32, shape=(None, None))
@@ -230,6 +234,8 @@ class DynamicDescriptor:
     category: Category
     confidence: float
     """Share of the vote weight that the category holds, 0 to 1."""
+    feature: VisualFeature | None = field(default=None, compare=False, repr=False)
+    """Where `perception.visual_feature` is set."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

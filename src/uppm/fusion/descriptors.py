@@ -6,7 +6,10 @@ from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import replace
 
+import numpy as np
+
 from uppm.core.categories import category_by_id
+from uppm.core.features import VisualFeature
 from uppm.core.types import Category, DynamicDescriptor, ElementaryDescriptor, LabelRecord
 
 
@@ -34,14 +37,25 @@ def observe(
         first_frame=frame,
         last_frame=frame,
     )
+    feature = None if seen.feature is None else VisualFeature(mean=seen.feature, count=1)
     if descriptor is None:
-        return DynamicDescriptor(labels=(record,), category=seen.category, confidence=1.0)
-    return _vote(_accumulate((*descriptor.labels, record)), descriptor.category)
+        return DynamicDescriptor(labels=(record,), category=seen.category, confidence=1.0, feature=feature)
+    feature = _mean(descriptor.feature, feature)
+    return _vote(_accumulate((*descriptor.labels, record)), descriptor.category, feature)
 
 
 def merge(kept: DynamicDescriptor, other: DynamicDescriptor) -> DynamicDescriptor:
     """The descriptor of two submaps that turn out to be one; the kept one's category is the incumbent."""
-    return _vote(_accumulate((*kept.labels, *other.labels)), kept.category)
+    return _vote(_accumulate((*kept.labels, *other.labels)), kept.category, _mean(kept.feature, other.feature))
+
+
+def _mean(a: VisualFeature | None, b: VisualFeature | None) -> VisualFeature | None:
+    """Running mean, in the single precision that the map file keeps: a resumed run goes on with the same bits."""
+    if a is None or b is None:
+        return a or b
+    count = a.count + b.count
+    mean = a.mean + (b.mean - a.mean) * np.float32(b.count / count)
+    return VisualFeature(mean=mean.astype(np.float32), count=count)
 
 
 def _accumulate(records: Iterable[LabelRecord]) -> tuple[LabelRecord, ...]:
@@ -64,7 +78,7 @@ def _accumulate(records: Iterable[LabelRecord]) -> tuple[LabelRecord, ...]:
     return tuple(sorted(by_text.values(), key=lambda r: (-r.count, -r.weight, r.text)))
 
 
-def _vote(labels: tuple[LabelRecord, ...], incumbent: Category) -> DynamicDescriptor:
+def _vote(labels: tuple[LabelRecord, ...], incumbent: Category, feature: VisualFeature | None) -> DynamicDescriptor:
     """Majority over all accumulated labels; on a tie the incumbent stays."""
     votes: defaultdict[int, float] = defaultdict(float)
     for record in labels:
@@ -72,4 +86,4 @@ def _vote(labels: tuple[LabelRecord, ...], incumbent: Category) -> DynamicDescri
     best = max(votes, key=lambda c: (votes[c], c == incumbent.id, -c))
     winner = incumbent if votes[best] <= votes.get(incumbent.id, 0.0) else category_by_id()[best]
     total = sum(votes.values())
-    return DynamicDescriptor(labels=labels, category=winner, confidence=votes[winner.id] / total)
+    return DynamicDescriptor(labels=labels, category=winner, confidence=votes[winner.id] / total, feature=feature)

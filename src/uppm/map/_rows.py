@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from uppm.core.features import VisualFeature
 from uppm.core.types import (
     Category,
     Change,
@@ -23,7 +24,7 @@ from uppm.core.types import (
     SubmapKind,
     SubmapState,
 )
-from uppm.map._schema import CHANGES, PARTS
+from uppm.map._schema import CHANGES, PARTS, VISUAL_FEATURES
 
 Row = Sequence[Any]
 Parts = tuple[int, npt.NDArray[np.int32]]
@@ -104,15 +105,19 @@ def read_submap(
     categories: Mapping[int, Category],
     labels: Mapping[int, Sequence[LabelRecord]],
     parts: Mapping[int, Parts],
+    features: Mapping[int, VisualFeature],
 ) -> Submap:
-    """A row of `submaps` with its category, labels and parts."""
+    """A row of `submaps` with its category, labels, parts and visual feature."""
     id_, kind, state, category, confidence, voxel_size, truncation, pose, *history = row[:14]
     first, last, views, misses, evidence, companions = history
     apart, cells = parts.get(id_, (0, None))
     descriptor = None
     if category is not None:
         descriptor = DynamicDescriptor(
-            labels=tuple(labels.get(id_, ())), category=categories[category], confidence=confidence
+            labels=tuple(labels.get(id_, ())),
+            category=categories[category],
+            confidence=confidence,
+            feature=features.get(id_),
         )
     return Submap(
         id=id_,
@@ -190,14 +195,14 @@ def replace_changes(db: sqlite3.Connection, changes: Iterable[Change]) -> None:
 
 def read_changes(db: sqlite3.Connection) -> tuple[Change, ...]:
     """In the order in which they were written; none where the map was not compared with another."""
-    if not db.execute("SELECT 1 FROM sqlite_master WHERE name = 'changes'").fetchone():
+    if not _has_table(db, "changes"):
         return ()
     return tuple(map(read_change, db.execute("SELECT * FROM changes ORDER BY position")))
 
 
 def read_parts(db: sqlite3.Connection) -> dict[int, Parts]:
     """Submap id -> frames in which it fell apart, and the cells (N, 4) of its parts."""
-    if not db.execute("SELECT 1 FROM sqlite_master WHERE name = 'parts'").fetchone():
+    if not _has_table(db, "parts"):
         return {}
     rows = db.execute("SELECT submap, frames, cells FROM parts")
     return {
@@ -228,3 +233,26 @@ def upsert_submaps(db: sqlite3.Connection, submaps: Sequence[Submap]) -> None:
     rows = [row for submap in submaps for row in label_rows(submap)]
     db.executemany("INSERT INTO labels VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", rows)
     _write_parts(db, submaps)
+    _replace_features(db, submaps)
+
+
+def _replace_features(db: sqlite3.Connection, submaps: Sequence[Submap]) -> None:
+    found = [(s.id, s.descriptor.feature) for s in submaps if s.descriptor and s.descriptor.feature]
+    if found:
+        db.execute(VISUAL_FEATURES)
+    if found or _has_table(db, "visual_features"):
+        rows = [(id_, f.count, f.mean.astype("<f4").tobytes()) for id_, f in found]
+        db.execute("DELETE FROM visual_features")
+        db.executemany("INSERT INTO visual_features VALUES (?, ?, ?)", rows)
+
+
+def read_features(db: sqlite3.Connection) -> dict[int, VisualFeature]:
+    """Submap id -> how it looked; none where the map was made without."""
+    if not _has_table(db, "visual_features"):
+        return {}
+    rows = db.execute("SELECT submap, count, vector FROM visual_features")
+    return {r[0]: VisualFeature(mean=np.frombuffer(r[2], dtype="<f4").astype(np.float32), count=r[1]) for r in rows}
+
+
+def _has_table(db: sqlite3.Connection, name: str) -> bool:
+    return bool(db.execute("SELECT 1 FROM sqlite_master WHERE name = ?", (name,)).fetchone())

@@ -48,3 +48,9 @@ PARTS = """
 CREATE TABLE IF NOT EXISTS parts (
     submap INTEGER PRIMARY KEY REFERENCES submaps (id) ON DELETE CASCADE, frames INTEGER NOT NULL, cells BLOB NOT NULL)
 """
+
+# As `CHANGES`: only a map made with `perception.visual_feature` has it.
+VISUAL_FEATURES = """
+CREATE TABLE IF NOT EXISTS visual_features (
+    submap INTEGER PRIMARY KEY REFERENCES submaps (id) ON DELETE CASCADE, count INTEGER NOT NULL, vector BLOB NOT NULL)
+"""

@@ -18,6 +18,7 @@ def describe(segmentation: PanopticSegmentation, retriever: Retriever) -> Descri
                 category=category,
                 provenance=segment.label.provenance,
                 score=segment.score,
+                feature=segment.feature,
             )
             for segment, category in zip(segments, categories, strict=True)
         ),

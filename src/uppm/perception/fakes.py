@@ -122,6 +122,16 @@ class FakeSegmenter:
         return PanopticSegmentation(ids=ids, segments=self._segments, dropped={"unlabeled_pixels": 0})
 
 
+class FakeVisualEncoder:
+    """VisualEncoder whose vectors are the box's mean colour, of unit length."""
+
+    def encode(self, color: npt.NDArray[np.uint8], boxes: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
+        """(N, 3)."""
+        means = [color[y0:y1, x0:x1].reshape(-1, 3).mean(axis=0) + 1 for x0, y0, x1, y1 in boxes.tolist()]
+        out = np.array(means, dtype=np.float32).reshape(-1, 3)
+        return out / np.linalg.norm(out, axis=1, keepdims=True)
+
+
 class FakeTextEncoder:
     """TextEncoder whose unit vectors are seeded by a hash of the text: any two texts are nearly orthogonal."""
 

@@ -14,7 +14,8 @@ from typing import Any
 
 from uppm.core.config import PerceptionConfig
 from uppm.core.errors import ConfigError
-from uppm.core.protocols import Detector, Labeler, MaskGenerator, Segmenter
+from uppm.core.protocols import Detector, Labeler, MaskGenerator, Segmenter, VisualEncoder
+from uppm.perception.featured import WithFeatures
 from uppm.perception.labels.caption import CaptionLabeler
 from uppm.perception.models.table import MODELS, model_spec
 
@@ -43,9 +44,22 @@ MASK_GENERATORS = {
 }
 
 
+VISUAL_ENCODERS = {
+    "clip": "uppm.perception.visual_features:Clip",
+    "siglip": "uppm.perception.visual_features:Siglip",
+}
+
+
 def create_segmenter(config: PerceptionConfig) -> Segmenter:
-    """The front end of `config.profile`; raises ConfigError for an unknown name."""
-    return _create("perception.profile", config.profile, SEGMENTERS, "uppm.perception", config)
+    """The front end of `config.profile`, with `config.visual_feature`; raises ConfigError for an unknown name."""
+    segmenter = _create("perception.profile", config.profile, SEGMENTERS, "uppm.perception", config)
+    return segmenter if config.visual_feature == "none" else WithFeatures(segmenter, create_visual_encoder(config))
+
+
+def create_visual_encoder(config: PerceptionConfig) -> VisualEncoder:
+    """The encoder of `config.visual_feature`; raises ConfigError for an unknown name."""
+    name = config.visual_feature
+    return _create("perception.visual_feature", name, VISUAL_ENCODERS, "uppm.visual_features", config)
 
 
 def create_labeler(config: PerceptionConfig) -> Labeler:

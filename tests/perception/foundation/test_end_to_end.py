@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.perception.foundation import tiny
@@ -13,6 +14,7 @@ from tests.perception.foundation.conftest import noisy
 from uppm import open_map
 from uppm.core.config import Config
 from uppm.core.types import Frame
+from uppm.perception import registry
 from uppm.perception.fakes import FakeLabeler, fake_frame
 from uppm.pipeline import Mapper, map_sequence
 
@@ -68,6 +70,31 @@ def test_a_back_end_by_name_makes_a_map(models: Models, chosen: dict[str, str]) 
     closed_set = {"ceiling-other", "chair", "wall-other", "cup"}
     assert said <= (closed_set if "detector" not in chosen and chosen["profile"] != "sam3" else set(LABELS))
     assert mapper.report.dropped.get("unlabeled_pixels", 0) < 3 * 48 * 64
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("precision", ["float16", "bfloat16"])
+def test_every_network_runs_in_half_precision(models: Models, precision: str) -> None:
+    """As a GPU runs them by default: what one part makes in single precision must not meet another in half."""
+    frame, said = noisy(fake_frame()), FakeLabeler("chair").label(fake_frame()).labels
+    boxes = np.array([[0, 0, 30, 40], [20, 10, 60, 48]], dtype=np.float32)
+    for kind, name in tiny.NAMES.items():
+        models(kind)
+        chosen = {"detector": kind, "masks": kind, "profile": kind, "visual_feature": kind}
+        every = dict.fromkeys(("detector_model", "masks_model", "segmenter_model", "visual_feature_model"), name)
+        config = configuration(precision=precision, **chosen, **every).perception
+        if kind in registry.DETECTORS:
+            found = registry.create_detector(config).detect(frame.color, said)
+            assert len(found.labels)
+            assert np.isfinite(found.boxes).all()
+        elif kind in registry.MASK_GENERATORS:
+            assert 0.02 < registry.create_mask_generator(config).masks(frame, boxes).mean() < 0.98
+        elif kind in registry.VISUAL_ENCODERS:
+            vectors = registry.create_visual_encoder(config).encode(frame.color, boxes.astype(int))
+            np.testing.assert_allclose(np.linalg.norm(vectors, axis=1), 1, atol=1e-5)
+        else:
+            alone = config.model_copy(update={"visual_feature": "none"})
+            assert registry.create_segmenter(alone).segment(frame, said).ids.shape == frame.depth.shape
 
 
 def test_the_program_writes_the_map(models: Models, tmp_path: Path) -> None:

@@ -16,6 +16,8 @@ NAMES = {
     "mask2former": "mask2former-swin-tiny",
     "oneformer": "oneformer-swin-large",
     "sam3": "sam3",
+    "clip": "clip-vit-base",
+    "siglip": "siglip-base",
 }
 """Back end -> the model whose place its tiny network takes."""
 
@@ -104,7 +106,9 @@ def sam(folder: Path) -> None:
         ),
     )  # fmt: skip
     processor = t.SamImageProcessorPil(size={"longest_edge": 64}, pad_size={"height": 64, "width": 64})
-    save(folder, t.SamModel(config), processor)
+    model = t.SamModel(config)
+    spread(model)
+    save(folder, model, processor)
 
 
 def sam2(folder: Path) -> None:
@@ -127,7 +131,9 @@ def sam2(folder: Path) -> None:
             hidden_size=32, mlp_dim=32, num_hidden_layers=2, num_attention_heads=2, iou_head_hidden_dim=16
         ),
     )  # fmt: skip
-    save(folder, t.Sam2Model(config))
+    model = t.Sam2Model(config)
+    spread(model)
+    save(folder, model)
 
 
 def clip_tokenizer(folder: Path) -> Any:
@@ -242,3 +248,34 @@ def sam3(folder: Path) -> None:
     model = t.Sam3Model(config)
     spread(model)
     save(folder, model, tokenizer)
+
+
+def clip(folder: Path) -> None:
+    """CLIP of two layers on images of 32 pixels a side."""
+    torch, t = torch_or_skip()
+    tokenizer = clip_tokenizer(folder)
+    torch.manual_seed(0)
+    sizes = {"hidden_size": 32, "intermediate_size": 32, "num_hidden_layers": 2, "num_attention_heads": 2}
+    config = t.CLIPConfig(
+        text_config={**sizes, **special(tokenizer), "max_position_embeddings": 32},
+        vision_config={**sizes, "image_size": 32, "patch_size": 8},
+        projection_dim=16,
+    )
+    model = t.CLIPModel(config)
+    spread(model)
+    processor = t.CLIPImageProcessorPil(size={"shortest_edge": 32}, crop_size={"height": 32, "width": 32})
+    save(folder, model, tokenizer, processor)
+
+
+def siglip(folder: Path) -> None:
+    """SigLIP of two layers on images of 32 pixels a side."""
+    torch, t = torch_or_skip()
+    torch.manual_seed(0)
+    sizes = {"hidden_size": 32, "intermediate_size": 32, "num_hidden_layers": 2, "num_attention_heads": 2}
+    config = t.SiglipConfig(
+        text_config={**sizes, "vocab_size": 64, "bos_token_id": 1, "eos_token_id": 2, "pad_token_id": 0},
+        vision_config={**sizes, "image_size": 32, "patch_size": 8},
+    )
+    model = t.SiglipModel(config)
+    spread(model)
+    save(folder, model, t.SiglipImageProcessorPil(size={"height": 32, "width": 32}))
