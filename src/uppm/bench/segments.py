@@ -47,5 +47,7 @@ def segments_of(kind: str) -> Segments:
 
 def settings_for(kind: str, fusion: FusionConfig) -> FusionConfig:
     """The fusion's settings with which the segments of this kind keep to their submaps."""
-    # A cell of the grid is no object that stays where it is: its submap is the one of its category, wherever it looks.
-    return fusion.model_copy(update={"category_policy": "same", "min_iou": 0.0}) if kind == "grid8" else fusion
+    # A cell of the grid is no object that stays where it is: its submap is the one of its category, wherever it looks,
+    # and that its neighbour comes to lie on the same surface is no sign of two objects.
+    update = {"category_policy": "same", "min_iou": 0.0, "split_frames": None}
+    return fusion.model_copy(update=update) if kind == "grid8" else fusion

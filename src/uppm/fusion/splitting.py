@@ -23,6 +23,8 @@ Cells = npt.NDArray[np.int32]
 
 CELL = 2
 """Voxels along a cell's side."""
+LIMIT = 1 << 20
+"""Cells lie within so many of a submap's origin: 40 km."""
 SAMPLES = 160
 """Columns of the image that are looked at."""
 ONE_SIDED = 0.5
@@ -57,7 +59,20 @@ def segment_cells(
     z = depth[v, u].astype(np.float64)
     points = np.stack([view.ray_x[::step][u] * z, view.ray_y[::step][v] * z, z], axis=1)
     local = transform(invert(submap.T_map_submap) @ T_map_camera, points)
-    return np.unique(np.floor(local / (CELL * submap.voxel_size)).astype(np.int32), axis=0)
+    cells = np.floor(local / (CELL * submap.voxel_size)).astype(np.int64)
+    return _cells(np.unique(_keys(cells)))
+
+
+def _keys(cells: npt.NDArray[np.integer]) -> npt.NDArray[np.int64]:
+    """One number a cell (N, 3), in their order: `numpy.unique` of rows is ten times slower."""
+    x, y, z = (cells.astype(np.int64) + LIMIT).T
+    return (x * 2 * LIMIT + y) * 2 * LIMIT + z
+
+
+def _cells(keys: npt.NDArray[np.int64]) -> Cells:
+    """Inverse of `_keys`."""
+    rest, z = np.divmod(keys, 2 * LIMIT)
+    return (np.stack([*np.divmod(rest, 2 * LIMIT), z], axis=1) - LIMIT).astype(np.int32)
 
 
 def seen_apart(submap: LiveSubmap, one: Cells, other: Cells) -> None:
@@ -93,9 +108,9 @@ def _doubt(submap: LiveSubmap) -> None:
 def _counted(parts: Cells, first: Cells, second: Cells) -> Cells:
     votes = [np.column_stack([cells, np.full(len(cells), vote)]) for cells, vote in ((first, 1), (second, -1))]
     rows = np.concatenate([parts, *votes])
-    cells, cell = np.unique(rows[:, :3], axis=0, return_inverse=True)
-    counts = np.bincount(cell.ravel(), weights=rows[:, 3], minlength=len(cells))
-    return np.column_stack([cells, counts]).astype(np.int32)
+    keys, cell = np.unique(_keys(rows[:, :3]), return_inverse=True)
+    counts = np.bincount(cell, weights=rows[:, 3], minlength=len(keys))
+    return np.column_stack([_cells(keys), counts]).astype(np.int32)
 
 
 def _sides(parts: Cells, cells: npt.NDArray[np.floating]) -> npt.NDArray[np.int32]:
