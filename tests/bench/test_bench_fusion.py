@@ -49,10 +49,10 @@ class FakeGrid:
         self.settings, self.integrated = settings, 0
         self.made.append(self)
 
-    def compute_unique_block_coordinates(self, depth: Any, *camera: Any) -> int:
-        return len(depth)
+    def compute_unique_block_coordinates(self, depth: Any, *camera: Any) -> range:
+        return range(7)
 
-    def integrate(self, blocks: int, depth: Any, *camera: Any) -> None:
+    def integrate(self, blocks: range, depth: Any, *camera: Any) -> None:
         self.integrated += 1
 
     def hashmap(self) -> SimpleNamespace:
@@ -117,7 +117,7 @@ def test_open3d_gets_each_frame_as_often(room: Path, fake_open3d: list[FakeGrid]
     assert {grid.settings["voxel_size"] for grid in fake_open3d} == {0.05}
     assert found["ratio_open3d"] > 1
     assert found["open3d_block_resolution"] in RESOLUTIONS
-    assert (found["open3d_blocks"], found["note"]) == (42, None)
+    assert (found["open3d_blocks"], found["open3d_blocks_per_frame"], found["note"]) == (42, 7, None)
 
 
 @pytest.mark.usefixtures("no_open3d")

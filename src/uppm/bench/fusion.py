@@ -242,4 +242,5 @@ def _theirs(grids: Sequence[Open3dGrid], ours: Mapping[str, float]) -> dict[str,
         "ratio_open3d_cpu": ratios["cpu_ms_per_frame_median"],
         "open3d_block_resolution": grids[-1].resolution if grids else None,
         "open3d_blocks": grids[-1].blocks if grids else None,
+        "open3d_blocks_per_frame": int(np.median(grids[-1].integrated)) if grids else None,
     }

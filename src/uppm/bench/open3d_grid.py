@@ -61,6 +61,8 @@ class Open3dGrid:
         )
         self.clock = Clock()
         """Block lookup and integration; not the conversion of the frame."""
+        self.integrated: list[int] = []
+        """Blocks that each frame was integrated into."""
 
     def fuse(self, frame: Frame) -> None:
         """Integrate one frame."""
@@ -71,6 +73,7 @@ class Open3dGrid:
         with self.clock.frame():
             blocks = self._grid.compute_unique_block_coordinates(depth, intrinsic, extrinsic, *self._range)
             self._grid.integrate(blocks, depth, intrinsic, extrinsic, *self._range)
+        self.integrated.append(len(blocks))
 
     @property
     def blocks(self) -> int:

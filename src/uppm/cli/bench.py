@@ -32,6 +32,9 @@ ROWS = {
     "first call, s": lambda r: r["first_call_s"],
     "blocks": lambda r: r["blocks"],
     "blocks a frame": lambda r: r["blocks_per_frame"],
+    "Open3D, blocks a frame, voxels a side": lambda r: (
+        r["open3d_blocks_per_frame"] and f"{r['open3d_blocks_per_frame']}, {r['open3d_block_resolution']}"
+    ),
     "submaps": lambda r: r["submaps"],
     "bytes a voxel": lambda r: r["bytes_per_voxel"],
     "map, MB": lambda r: r["map_mb"],

@@ -40,6 +40,8 @@ class Tracks:
     visible: Visible
     overlap: npt.NDArray[np.int64]
     """(submaps, segments + 1), pixels; column 0: unlabeled."""
+    unlabeled: int
+    """Pixels with valid depth that no segment covers."""
     observed: npt.NDArray[np.int64]
     """(segments,), pixels with valid depth."""
     depth: npt.NDArray[np.float64]
@@ -74,8 +76,8 @@ class PanopticFusion:
         """Fuse one frame. Returns the submap id of each pixel, (H, W), 0 where there is none."""
         numba.set_num_threads(self._threads)
         view = self._views.view(frame)
-        self._found_common(frame.index, bool(((segmentation.ids == 0) & (view.depth > 0)).any()))
         tracks = self._track(view, segmentation)
+        self._found_common(frame.index, tracks.unlabeled > 0)
         targets = self._associate(tracks)  # paper equation 4
         submaps = self._observe(frame, tracks, targets, segmentation)
         lost = self._miss(view, tracks, submaps)
@@ -103,11 +105,19 @@ class PanopticFusion:
         solid = tuple(s for s in self._all if s.descriptor and s.slot in in_view and self._tracked(s))
         slots = np.array([s.slot for s in solid], dtype=np.int32)
         n = len(segmentation.descriptors)
-        overlap, observed, depth = self._volume.overlap(view, visible, slots, segmentation.ids, n)
+        overlap, pixels, depth = self._volume.overlap(view, visible, slots, segmentation.ids, n)
         least = self._policy.least_overlap(
             [s.category_id for s in solid], [d.category.id for d in segmentation.descriptors], self._config.min_iou
         )
-        return Tracks(submaps=solid, visible=visible, overlap=overlap, observed=observed, depth=depth, least=least)
+        return Tracks(
+            submaps=solid,
+            visible=visible,
+            overlap=overlap,
+            unlabeled=int(pixels[0]),
+            observed=pixels[1:],
+            depth=depth[1:],
+            least=least,
+        )
 
     def _tracked(self, submap: LiveSubmap) -> bool:
         return self._config.track_inactive or submap.state is not SubmapState.INACTIVE

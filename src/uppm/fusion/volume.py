@@ -124,8 +124,8 @@ class Volume:
     ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.float64]]:
         """Pixels where submap slots[i] is rendered, by segment id, and what the segments themselves measure.
 
-        Returns the overlap (len(slots), segments + 1), column 0 unlabeled; each segment's pixels with depth
-        (segments,); their mean depth (segments,), metres. Pixels are the full image's, counted at `view.stride`.
+        Returns the overlap (len(slots), segments + 1); each segment's pixels with depth (segments + 1,); their mean
+        depth (segments + 1,), metres; 0: unlabeled. Pixels are the full image's, counted at `view.stride`.
         """
         p, (R, t) = self.pool, self._T_camera_submap(view)
         counts = np.zeros((PARTS, len(slots), segments + 1), dtype=np.int32)
@@ -135,8 +135,8 @@ class Volume:
             view.stride, p.keys, p.values, p.chunk_blocks, R, t, self._voxel_size, self._truncation,
             p.distance, p.weight, p.belonging, counts, pixels, total,
         )  # fmt: skip
-        area, seen = view.stride**2, pixels.sum(axis=0)[1:]
-        return counts.sum(axis=0, dtype=np.int64) * area, seen * area, total.sum(axis=0)[1:] / np.maximum(seen, 1)
+        area, seen = view.stride**2, pixels.sum(axis=0)
+        return counts.sum(axis=0, dtype=np.int64) * area, seen * area, total.sum(axis=0) / np.maximum(seen, 1)
 
     def to_update(self, visible: Visible, placed: Placed) -> Indices:
         """The visible blocks in which the frame can change a surface, of the placed submaps and of freespace."""
