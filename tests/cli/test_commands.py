@@ -148,6 +148,42 @@ def test_query(uppm: Uppm, map_file: Path) -> None:
     assert "nothing here matches" in uppm("query", map_file, "airplane").out
 
 
+def test_export_grids(uppm: Uppm, map_file: Path, tmp_path: Path) -> None:
+    plan, cost, esdf = tmp_path / "plan.yaml", tmp_path / "cost.yaml", tmp_path / "esdf.npz"
+    done = uppm(
+        "export",
+        map_file,
+        "--occupancy",
+        plan,
+        "--costmap",
+        cost,
+        "--esdf",
+        esdf,
+        "--band",
+        0.2,
+        1,
+        "--inflation",
+        "chair=1",
+    )
+    assert done.code == 0, done.err
+    names = [Path(line).name for line in done.out.split()]
+    assert names == ["plan.yaml", "plan.pgm", "cost.yaml", "cost.pgm", "esdf.npz"]
+    with np.load(esdf) as found:
+        assert found["distance"].shape == found["state"].shape == found["category"].shape
+        assert set(np.unique(found["state"])) == {-1, 0, 1}
+        np.testing.assert_array_equal(found["distance"] <= 0, found["state"] == 1)
+        assert found["band"].tolist() == [0.2, 1.0]
+    for wrong, message in (
+        (["--inflation", "chair"], "--inflation: expected NAME=METRES, found 'chair'"),
+        (["--inflation", "chiar=1"], "expected a unified category, found 'chiar'"),
+        (["--band", "8", "9"], "height band: expected heights over the floor, found 8 to 9 m"),
+    ):
+        done = uppm("export", map_file, "--costmap", tmp_path / "other.yaml", *wrong)
+        assert (done.code, done.err.count("\n")) == (2, 1)
+        assert message in done.err
+    assert not (tmp_path / "other.yaml").exists()
+
+
 def test_export(uppm: Uppm, map_file: Path, tmp_path: Path) -> None:
     targets = {"--mesh": "a.ply", "--json": "a.json", "--view": "a.png", "--objects": "objects"}
     done = uppm("export", map_file, *(part for key, name in targets.items() for part in (key, tmp_path / name)))

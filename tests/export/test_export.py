@@ -16,7 +16,7 @@ from tests.map.scenes import blocks_of, box, sphere, submap_of
 from uppm.core.errors import InputError
 from uppm.core.types import Mesh
 from uppm.export.files import write_bytes, write_json, write_png
-from uppm.export.meshes import write_meshes, write_objects
+from uppm.export.meshes import write_meshes, write_objects, write_points
 from uppm.map.mesh import empty_mesh, merged, submap_mesh
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -87,8 +87,8 @@ def test_json(tmp_path: Path) -> None:
 def test_wrong_destinations(tmp_path: Path, meshes: dict[str, Mesh]) -> None:
     with pytest.raises(InputError, match="nothing there; make it"):
         write_meshes(tmp_path / "absent" / "a.ply", meshes, up=UP)
-    with pytest.raises(InputError, match=r"found '\.obj'"):
-        write_meshes(tmp_path / "a.obj", meshes, up=UP)
+    with pytest.raises(InputError, match=r"\.ply, \.glb or \.obj, found '\.stl'"):
+        write_meshes(tmp_path / "a.stl", meshes, up=UP)
     with pytest.raises(InputError, match="with surfaces"):
         write_meshes(tmp_path / "a.ply", {}, up=UP)
     with pytest.raises(InputError, match="found a folder"):
@@ -110,3 +110,41 @@ def test_full_disk_keeps_the_older_file(tmp_path: Path) -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert path.read_bytes() == b"older"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_obj_round_trip(tmp_path: Path, meshes: dict[str, Mesh]) -> None:
+    path = tmp_path / "scene.obj"
+    write_meshes(path, meshes, up=UP)
+    text = path.read_text()
+    assert [line[2:] for line in text.splitlines() if line.startswith("o ")] == list(meshes)
+    found, expected = trimesh.load_mesh(path, process=False, maintain_order=True), merged(list(meshes.values()))
+    assert len(found.faces) == len(expected.faces)
+    np.testing.assert_allclose(found.triangles, expected.vertices[expected.faces], atol=1e-6)
+    assert isinstance(found.visual, ColorVisuals)
+    colors = np.asarray(found.visual.vertex_colors)[:, :3]
+    np.testing.assert_array_equal(colors[found.faces], expected.colors[expected.faces])
+
+
+def test_glb_nodes_carry_what_is_known_of_them(tmp_path: Path, meshes: dict[str, Mesh]) -> None:
+    path = tmp_path / "scene.glb"
+    extras = {name: {"category": name.split("_")[1], "labels": {"mug": 3}} for name in meshes}
+    write_meshes(path, meshes, up=UP, extras=extras)
+    scene = trimesh.load_scene(path, process=False)
+    for name in meshes:
+        geometry = scene.geometry[str(scene.graph.get(name)[1])]
+        assert {key: geometry.metadata[key] for key in extras[name]} == extras[name]
+
+
+def test_points_come_back_with_their_fields(tmp_path: Path) -> None:
+    rng = np.random.default_rng(4)
+    points = rng.normal(size=(50, 3)).astype(np.float32)
+    fields = {"red": rng.integers(0, 255, 50).astype(np.uint8), "instance": np.arange(50, dtype=np.int32)}
+    write_points(tmp_path / "a.ply", points, fields)
+    cloud = trimesh.load(tmp_path / "a.ply")
+    assert isinstance(cloud, trimesh.PointCloud)
+    np.testing.assert_array_equal(cloud.vertices, points)
+    rows = cloud.metadata["_ply_raw"]["vertex"]["data"]
+    for name, values in fields.items():
+        np.testing.assert_array_equal(rows[name], values)
+    with pytest.raises(InputError, match=r"expected a name ending in \.ply"):
+        write_points(tmp_path / "a.xyz", points, {})

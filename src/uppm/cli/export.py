@@ -1,13 +1,14 @@
-"""`uppm export`: meshes, pictures and a scene description of a map."""
+"""`uppm export`: meshes, clouds, pictures, a scene description, and grids to navigate by."""
 
 from __future__ import annotations
 
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import typer
 
+from uppm.cli.navigation import write_grids
 from uppm.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,28 +24,36 @@ class Coloring(str, Enum):
 
 def export(
     path: Annotated[Path, typer.Argument(metavar="MAP", readable=False, help="Map file written by `uppm map`.")],
-    mesh: Annotated[Path | None, typer.Option(help="Mesh of the whole map, .ply or .glb.")] = None,
+    mesh: Annotated[Path | None, typer.Option(help="Mesh of the whole map, .ply, .glb or .obj.")] = None,
     color: Annotated[Coloring, typer.Option(help="What the mesh's and the pictures' colours show.")] = Coloring.COLOR,
+    points: Annotated[Path | None, typer.Option(metavar="PLY", help="Cloud with instance and category.")] = None,
     objects: Annotated[Path | None, typer.Option(metavar="DIR", help="One mesh an object: ID_CATEGORY.ply.")] = None,
     json: Annotated[Path | None, typer.Option(help="Scene description.")] = None,
     top_down: Annotated[Path | None, typer.Option(metavar="PNG", help="Picture from above, with names.")] = None,
     view: Annotated[Path | None, typer.Option(metavar="PNG", help="Bird's-eye picture.")] = None,
+    occupancy: Annotated[Path | None, typer.Option(metavar="YAML", help="Plan for ROS's map_server.")] = None,
+    costmap: Annotated[Path | None, typer.Option(metavar="YAML", help="Costs by category, map_server raw.")] = None,
+    esdf: Annotated[Path | None, typer.Option(metavar="NPZ", help="Distances in 3D, and in the band.")] = None,
+    resolution: Annotated[float, typer.Option(min=0.005, help="Cells of the grids, metres.")] = 0.05,
+    band: Annotated[tuple[float, float], typer.Option(help="Heights over the floor, metres.")] = (0.1, 1.5),
+    inflation: Annotated[list[str] | None, typer.Option(metavar="NAME=METRES", help="Of a category.")] = None,
 ) -> None:
-    """Write a map's meshes, pictures and scene description."""
+    """Write a map's meshes, clouds, pictures, scene description and navigation grids."""
     from uppm.pipeline import open_map
 
-    if not any((mesh, objects, json, top_down, view)):
-        advice = "add one, such as --mesh flat.ply"
-        wanted = "--mesh, --objects, --json, --top-down or --view"
-        raise InputError("export", expected=wanted, found="none of them", advice=advice)
+    if not any((mesh, points, objects, json, top_down, view, occupancy, costmap, esdf)):
+        wanted = "--mesh, --points, --objects, --json, --top-down, --view, --occupancy, --costmap or --esdf"
+        raise InputError("export", expected=wanted, found="none of them", advice="add one, such as --mesh flat.ply")
     panoptic = open_map(path)
     written = _write_meshes(panoptic, mesh, objects, color.value)
+    written += _write_points(panoptic, points)
     written += _write_pictures(panoptic, top_down, view, color.value)
     if json:
         from uppm.export.files import write_json
 
-        write_json(json, panoptic.to_dict())
+        write_json(json, {**panoptic.to_dict(), "boxes": _boxes(panoptic)})
         written.append(json)
+    written += write_grids(panoptic, occupancy, costmap, esdf, resolution, band, inflation or [])
     for file in written:
         typer.echo(str(file))
 
@@ -64,21 +73,53 @@ def _write_meshes(panoptic: PanopticMap, mesh: Path | None, objects: Path | None
 
 
 def write_mesh_file(panoptic: PanopticMap, file: Path, coloring: str) -> None:
-    """All surfaces of a map in one file, .ply or .glb."""
+    """All surfaces of a map in one file, .ply, .glb or .obj."""
     from uppm.core.types import SubmapState
     from uppm.export.meshes import write_meshes
+    from uppm.map.panoptic_map import submap_dict
 
     shown = [s for s in panoptic.submaps if s.state is not SubmapState.TENTATIVE]
-    write_meshes(file, _meshes(panoptic, shown, coloring), up=panoptic.up)
+    extras = {_mesh_name(s): submap_dict(s) for s in shown}
+    write_meshes(file, _meshes(panoptic, shown, coloring), up=panoptic.up, extras=extras)
+
+
+def _mesh_name(submap: Submap) -> str:
+    return f"{submap.id}_{submap.descriptor.category.name if submap.descriptor else 'unlabeled'}"
 
 
 def _meshes(panoptic: PanopticMap, submaps: tuple[Submap, ...] | list[Submap], coloring: str) -> dict[str, Mesh]:
     kind = cast("Literal['color', 'instance', 'category']", coloring)
-    return {
-        f"{s.id}_{s.descriptor.category.name if s.descriptor else 'unlabeled'}": panoptic.submap_mesh(s.id, kind)
-        for s in submaps
-        if s.kind.value != "freespace"
-    }
+    return {_mesh_name(s): panoptic.submap_mesh(s.id, kind) for s in submaps if s.kind.value != "freespace"}
+
+
+def _boxes(panoptic: PanopticMap) -> list[dict[str, Any]]:
+    """Each object's upright box, by its id."""
+    from uppm.map.boxes import upright_box
+
+    found = [(s.id, upright_box(panoptic.submap_mesh(s.id).vertices, panoptic.up)) for s in panoptic.objects]
+    return [{"id": id_, **box.to_dict()} for id_, box in found if box]
+
+
+def _write_points(panoptic: PanopticMap, file: Path | None) -> list[Path]:
+    """The vertices of all surfaces, with normal, colour, submap id and unified category id (0: unlabeled)."""
+    if file is None:
+        return []
+    import numpy as np
+
+    from uppm.core.types import SubmapState
+    from uppm.export.meshes import write_points
+
+    shown = [s for s in panoptic.submaps if s.state is not SubmapState.TENTATIVE]
+    meshes = [panoptic.submap_mesh(s.id) for s in shown]
+    counts = [len(mesh.vertices) for mesh in meshes]
+    normals, colors = (np.concatenate([getattr(m, name) for m in meshes]) for name in ("normals", "colors"))
+    categories = [s.descriptor.category.id if s.descriptor else 0 for s in shown]
+    fields = {name: normals[:, k] for k, name in enumerate(("nx", "ny", "nz"))}
+    fields |= {name: colors[:, k] for k, name in enumerate(("red", "green", "blue"))}
+    fields["instance"] = np.repeat([s.id for s in shown], counts).astype(np.int32)
+    fields["category"] = np.repeat(categories, counts).astype(np.int32)
+    write_points(file, np.concatenate([mesh.vertices for mesh in meshes]), fields)
+    return [file]
 
 
 def _write_pictures(panoptic: PanopticMap, top: Path | None, view: Path | None, coloring: str) -> list[Path]:

@@ -1,28 +1,37 @@
-"""Meshes as PLY and GLB files, with vertex colours and normals."""
+"""Meshes as PLY, GLB and OBJ files, with vertex colours and normals; point clouds as PLY."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import trimesh
 from trimesh.exchange.gltf import export_glb
+from trimesh.exchange.obj import export_obj
 from trimesh.exchange.ply import export_ply
 
 from uppm.core.errors import InputError
 from uppm.core.types import Mesh
 from uppm.export.files import write_bytes
 
-FORMATS = (".ply", ".glb")
+FORMATS = (".ply", ".glb", ".obj")
 
 
-def write_meshes(path: Path | str, meshes: Mapping[str, Mesh], *, up: npt.NDArray[np.float64]) -> None:
-    """Several named meshes as one file: `.ply` (joined, binary, frame map) or `.glb` (a node each).
+def write_meshes(
+    path: Path | str,
+    meshes: Mapping[str, Mesh],
+    *,
+    up: npt.NDArray[np.float64],
+    extras: Mapping[str, Mapping[str, Any]] | None = None,
+) -> None:
+    """Several named meshes as one file: `.ply` (joined, binary, frame map), `.obj` (a group each, frame map) or `.glb`.
 
-    glTF's up is +y: a GLB's root turns the map's `up` (3,) there, so that viewers show it upright.
+    A GLB has a node each. glTF's up is +y: its nodes turn the map's `up` (3,) there, so that viewers show it upright.
+    `extras` are written with their nodes, as glTF extras.
 
     Raises
     ------
@@ -34,15 +43,34 @@ def write_meshes(path: Path | str, meshes: Mapping[str, Mesh], *, up: npt.NDArra
     if not meshes:
         raise InputError(path, expected="a map with surfaces", found="none", advice="map more frames, then export")
     parts = {name: _trimesh(mesh) for name, mesh in meshes.items()}
-    if path.suffix.lower() == ".ply":
+    ending = path.suffix.lower()
+    if ending not in FORMATS:
+        expected = f"a name ending in {', '.join(FORMATS[:-1])} or {FORMATS[-1]}"
+        raise InputError(path, expected=expected, found=repr(path.suffix), advice="name the file so")
+    if ending == ".ply":
         joined = trimesh.util.concatenate(list(parts.values())) if len(parts) > 1 else next(iter(parts.values()))
         data = export_ply(joined, encoding="binary", vertex_normal=True)
-    elif path.suffix.lower() == ".glb":
-        data = export_glb(_scene(parts, up), include_normals=True)
+    elif ending == ".obj":
+        data = export_obj(trimesh.Scene({**parts}), include_normals=True, include_color=True).encode()
     else:
-        expected = f"a name ending in {' or '.join(FORMATS)}"
-        raise InputError(path, expected=expected, found=repr(path.suffix), advice="name the file so")
+        data = export_glb(_scene(parts, up, extras or {}), include_normals=True)
     write_bytes(path, data)
+
+
+def write_points(path: Path | str, points: npt.NDArray[np.float32], fields: Mapping[str, npt.NDArray[Any]]) -> None:
+    """Points (N, 3), frame map, metres, as a binary `.ply` with further fields (N,) each, such as red and instance."""
+    path = Path(path)
+    if path.suffix.lower() != ".ply":
+        raise InputError(path, expected="a name ending in .ply", found=repr(path.suffix), advice="name the file so")
+    kinds = {"f": "float", "u1": "uchar", "i4": "int", "i2": "short"}
+    columns = {**{axis: points[:, k].astype("<f4") for k, axis in enumerate("xyz")}, **fields}
+    rows = np.empty(len(points), dtype=[(name, column.dtype.newbyteorder("<")) for name, column in columns.items()])
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
+    for name, column in columns.items():
+        rows[name] = column
+        kind = kinds["f" if column.dtype.kind == "f" else column.dtype.str[1:]]
+        header.append(f"property {kind} {name}")
+    write_bytes(path, ("\n".join([*header, "end_header"]) + "\n").encode() + rows.tobytes())
 
 
 def write_objects(folder: Path | str, meshes: Mapping[str, Mesh]) -> list[Path]:
@@ -76,9 +104,12 @@ def _trimesh(mesh: Mesh) -> trimesh.Trimesh:
     )
 
 
-def _scene(parts: Mapping[str, trimesh.Trimesh], up: npt.NDArray[np.float64]) -> trimesh.Scene:
+def _scene(
+    parts: Mapping[str, trimesh.Trimesh], up: npt.NDArray[np.float64], extras: Mapping[str, Mapping[str, Any]]
+) -> trimesh.Scene:
     scene = trimesh.Scene()
     turn = np.asarray(trimesh.geometry.align_vectors(up, [0.0, 1.0, 0.0]))
     for name, part in parts.items():
+        part.metadata = dict(extras.get(name, {}))
         scene.add_geometry(part, node_name=name, geom_name=name, transform=turn)
     return scene
