@@ -76,6 +76,13 @@ def differs(ends, slots, others, other_slots, shift, out):
 
 
 @nb.njit(cache=True)
+def keep_new(near_x, left_new, new):
+    """Of the pixels that are new against the row above, those that are so against their left too and have depth."""
+    for u in range(new.shape[0]):
+        new[u] = new[u] & left_new[u] & (near_x[u] != NOWHERE)
+
+
+@nb.njit(cache=True)
 def add_missing(slot, ends, u, keys, values, chunk_blocks, out, count):
     """Append the blocks between the band ends of pixel u that do not exist to out (N, 4); returns the new count."""
     x0, x1 = min(ends[0, u], ends[3, u]), max(ends[0, u], ends[3, u])
@@ -140,7 +147,8 @@ def missing_blocks(
     for ty in nb.prange(present.shape[0]):
         count = 0
         ends, above = np.empty((6, width), dtype=np.int32), np.full((6, width), NOWHERE, dtype=np.int32)
-        left_new, new = np.ones(width, dtype=np.bool_), np.ones(width, dtype=np.bool_)
+        left_new, padded = np.ones(width, dtype=np.bool_), np.zeros(-(-width // 8) * 8, dtype=np.bool_)
+        new, words = padded[:width], padded.view(np.uint64)
         present[ty] = False
         for row in range(ty * TILE, min(height, (ty + 1) * TILE)):
             slots = slot_image[row]
@@ -151,9 +159,13 @@ def missing_blocks(
             )  # fmt: skip
             differs(ends, slots, ends, slots, 1, left_new)
             differs(ends, slots, above, slot_image[max(row - 1, ty * TILE)], 0, new)
-            for u in range(width):
-                if new[u] & left_new[u] & (ends[0, u] != NOWHERE):
-                    count = add_missing(slots[u], ends, u, keys, values, chunk_blocks, out[ty], count)
+            keep_new(ends[0], left_new, new)
+            # Few pixels are new: eight are passed over at a time.
+            for word in range(words.shape[0]):
+                if words[word] != 0:
+                    for u in range(8 * word, min(8 * word + 8, width)):
+                        if new[u]:
+                            count = add_missing(slots[u], ends, u, keys, values, chunk_blocks, out[ty], count)
             ends, above = above, ends
         counts[ty] = count
 
