@@ -8,7 +8,7 @@ from contextlib import closing, suppress
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,10 +19,11 @@ from uppm.core.config import Config
 from uppm.core.errors import BadFrameError, ConfigError, InputError
 from uppm.core.geometry import invert
 from uppm.core.nulls import NoViewer, Timer
-from uppm.core.protocols import Closable, FrameSource, FrameViewer, Labeler, Retriever, Segmenter, TextEncoder
-from uppm.core.types import Checkpoint, Frame, FrameRecord, Report, Submap
+from uppm.core.protocols import Closable, FrameSource, FrameViewer, Labeler, Progress, Retriever, Segmenter, TextEncoder
+from uppm.core.types import Checkpoint, Frame, FrameRecord, Mesh, Report, Submap
 from uppm.datasets.registry import open_sequence
 from uppm.fusion.engine import PanopticFusion
+from uppm.map.mesher import MapMesher
 from uppm.map.panoptic_map import PanopticMap
 from uppm.map.store import MapMeta, MapReader, MapWriter, check_free
 from uppm.perception.describe import describe
@@ -72,6 +73,7 @@ class Mapper:
         self._retriever = retriever or create_retriever(self.config.retrieval, self._embeddings)
         self._viewer = viewer or NoViewer()
         self._fusion = PanopticFusion(self.config.fusion, category_similarity(self._embeddings))
+        self._mesher = MapMesher()
         self._timer = Timer()
         self._restored = Report()
         self._integrated, self._skipped, self._dropped = 0, Counter[str](), Counter[str]()
@@ -178,6 +180,10 @@ class Mapper:
             meta=MapMeta(config=self.config.model_dump_json(), provenance=self.provenance),
         )
 
+    def meshes(self) -> dict[int, Mesh]:
+        """Surfaces by submap id, frame map, freespace left out; what did not change since the last call is kept."""
+        return self._mesher.update(self._fusion.submaps(), self._fusion)
+
     def _label_embeddings(self, submaps: Sequence[Submap]) -> dict[str, npt.NDArray[np.float32]]:
         texts = sorted({r.text for s in submaps if s.descriptor for r in s.descriptor.labels})
         return dict(zip(texts, self._embeddings.encode(texts), strict=True))
@@ -228,12 +234,6 @@ def open_map(path: str | Path) -> PanopticMap:
 def _language(encoder: Callable[[], TextEncoder]) -> dict[str, Any]:
     """What a map needs to understand a phrase."""
     return {"encoder": encoder, "category_embeddings": category_vectors, "lemmatize": lemmatize}
-
-
-class Progress(Protocol):
-    """Told of each frame of a run."""
-
-    def __call__(self, done: int, total: int) -> None: ...
 
 
 def map_sequence(

@@ -14,6 +14,8 @@ BEHIND = np.float32(2.0)
 MIN_Z = np.float32(0.05)
 NO_SLOT = -2
 """A slot that no pixel has."""
+SHELL, FADE = np.float32(0.5), np.float32(40.0)
+"""Voxels behind a surface from which on a measurement says less, and how fast: weight / (1 + FADE * voxels^2)."""
 COLOR_MEMORY = np.float32(31.0)
 """The colour is a mean over at most about so many frames: 8-bit means stop moving beyond."""
 
@@ -145,6 +147,7 @@ def average(sdf, inverse, area, size, band, max_weight, distance, weight, gain):
 
     area: fx * fy * size^2, so that the weight is area / z^4 (method.md section 4).
     """
+    inv_size = np.float32(1.0) / size
     scale, inv_scale = band / FULL, FULL / band
     zero, tiny, drop = np.float32(0.0), np.float32(1e-30), np.float32(1.0) / (band - size)
     for n in range(VOXELS):
@@ -154,6 +157,10 @@ def average(sdf, inverse, area, size, band, max_weight, distance, weight, gain):
         w = area * squared * squared
         w = w * (s + band) * drop if s < -size else w
         w = w if live else zero
+        # Deep behind one surface may be just behind another, the other side of a wall say, which knows better.
+        behind = s * inv_size + SHELL
+        behind = behind if behind < zero else zero
+        w /= np.float32(1.0) + FADE * behind * behind
         total = weight[n] + w
         share = w / (total if total > tiny else tiny)
         old = np.float32(distance[n]) * scale

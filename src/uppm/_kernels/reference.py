@@ -10,6 +10,7 @@ FULL = 32767.0
 MIN_Z = 0.05
 COLOR_MEMORY = 31.0
 BEHIND = 2.0
+SHELL, FADE = 0.5, 40.0
 
 Array = npt.NDArray
 Camera = tuple[float, ...]
@@ -119,6 +120,7 @@ def integrate(
     at, sdf = tuple(axis[keep] for axis in at), sdf[keep]
     w = fx * fy * (size / z[at]) ** 2 / z[at] ** 2
     w = np.where(sdf < -size, w * (sdf + band) / (band - size), w)
+    w /= 1 + FADE * np.minimum(sdf / size + SHELL, 0) ** 2
     some = voxels["weight"][at] + w > 0
     return _update(
         voxels, images, tuple(axis[some] for axis in at), sdf[some], w[some], u, v, size, band, slot, max_weight
@@ -193,3 +195,73 @@ def count_expected(
     difference = (measured - z)[measured > 0]
     agrees = np.abs(difference) <= 2 * size
     return int(agrees.sum()), int((difference[~agrees] > 0).sum())
+
+
+def dual_vertices(field: Array, constants: dict[str, float]) -> dict[tuple[int, ...], tuple[Array, Array]]:
+    """Vertex and normal of each cell of a dense field (X, Y, Z), in voxels, NaN where not observed, by lowest corner.
+
+    For cells that one sheet passes; constants: STEEP, DEEP, ALIKE, PULL, FILL and SLACK of the kernel.
+    """
+    padded = np.pad(field, 2, constant_values=np.nan)
+    out: dict[tuple[int, ...], tuple[Array, Array]] = {}
+    for cell in np.ndindex(*(n - 1 for n in field.shape)):
+        corner = np.array(cell) + 2
+        points, normals, whole = [], [], True
+        for axis in range(3):
+            for b, c in np.ndindex(2, 2):
+                low = corner.copy()
+                low[(axis + 1) % 3] += b
+                low[(axis + 2) % 3] += c
+                step = np.eye(3, dtype=int)[axis]
+                ends = padded[tuple(low)], padded[tuple(low + step)]
+                if (ends[0] >= 0) == (ends[1] >= 0):
+                    continue
+                at = dual_crossing(padded, low, step, constants)
+                whole &= at is not None
+                if at is not None:
+                    points.append(low - corner + at * step)
+                    nearer = low if abs(ends[0]) <= abs(ends[1]) else low + step
+                    normals.append(dual_normal(padded, nearer, constants["ALIKE"]))
+        if points:
+            out[cell] = _dual_vertex(np.array(points), np.array(normals), whole, constants)
+    return out
+
+
+def dual_crossing(padded: Array, low: Array, step: Array, constants: dict[str, float]) -> float | None:
+    """Where the surface crosses an edge, from its lower end, 0 to 1; None where it is not known to."""
+    before, a, b, after = (padded[tuple(low + n * step)] for n in (-1, 0, 1, 2))
+    if np.isnan(a) or np.isnan(b):
+        return None
+    if abs(a) + abs(b) <= constants["STEEP"]:
+        return float(abs(a) / (abs(a) + abs(b)))
+    near, slope = (abs(a), (a - before) * np.sign(b)) if abs(a) <= abs(b) else (abs(b), (after - b) * np.sign(b))
+    if slope > near:
+        near = min(near / min(slope, 1), 1)
+    elif near > constants["DEEP"]:
+        return None
+    return float(near if abs(a) <= abs(b) else 1 - near)
+
+
+def dual_normal(padded: Array, voxel: Array, alike: float) -> Array:
+    """Of all choices of one-sided differences the gradient whose squared length is nearest to one, as a unit vector."""
+    sides = []
+    for step in np.eye(3, dtype=int):
+        here = padded[tuple(voxel)]
+        both = [here - padded[tuple(voxel - step)], padded[tuple(voxel + step)] - here]
+        known = [d for d in both if not np.isnan(d)] or [0.0]
+        sides.append([np.mean(known)] if len(known) == 2 and abs(known[0] - known[1]) < alike else known)
+    choices = [np.array([x, y, z]) for z in sides[2] for y in sides[1] for x in sides[0]]
+    best = min(choices, key=lambda g: abs(g @ g - 1))
+    return best / max(np.linalg.norm(best), 1e-6)
+
+
+def _dual_vertex(points: Array, normals: Array, whole: bool, constants: dict[str, float]) -> tuple[Array, Array]:
+    middle = points.mean(axis=0)
+    if not whole:
+        middle = middle + constants["FILL"] * (0.5 - middle)
+    pull = np.sqrt(constants["PULL"] * len(points)) * np.eye(3)
+    offsets = np.einsum("ij,ij->i", normals, points - middle)
+    shift = np.linalg.lstsq(np.vstack([normals, pull]), np.concatenate([offsets, np.zeros(3)]), rcond=None)[0]
+    total = normals.sum(axis=0)
+    vertex = np.clip(middle + shift, -constants["SLACK"], 1 + constants["SLACK"])
+    return vertex, total / max(np.linalg.norm(total), 1e-6)

@@ -93,6 +93,24 @@ class VoxelSource(Protocol):
     def blocks(self, submap_id: int) -> VoxelBlocks: ...
 
 
+class LiveVoxels(Protocol):
+    """Voxels that change: what a mesh that follows them must know."""
+
+    def touched(self, submap_id: int, /) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+        """Coordinates of a submap's blocks, (N, 3), and of those written since the last call, (M, 3)."""
+        ...
+
+    def blocks_at(self, submap_id: int, coords: npt.NDArray[np.int32], /) -> VoxelBlocks:
+        """The blocks at some coordinates, (N, 3), all of which exist, sorted."""
+        ...
+
+
+class Progress(Protocol):
+    """Told of each frame of a run."""
+
+    def __call__(self, done: int, total: int) -> None: ...
+
+
 class FrameViewer(Protocol):
     """Watches the mapping; the default does nothing."""
 

@@ -15,7 +15,7 @@ from uppm.core.types import Submap, SubmapKind, SubmapState, VoxelBlocks
 from uppm.fusion import merging, splitting
 from uppm.fusion.resampling import resample
 from uppm.fusion.submaps import LiveSubmap
-from uppm.fusion.volume import Volume
+from uppm.fusion.volume import MESHED, Volume
 
 
 class SubmapCollection:
@@ -172,6 +172,15 @@ class SubmapCollection:
             found, advice = "one that was merged or removed since", "ask the mapper for its map again"
             raise InputError(f"submap {submap_id}", expected="a submap of the running map", found=found, advice=advice)
         return self._volume.gather(self._volume.indices(self._submaps[submap_id].slot))
+
+    def touched(self, submap_id: int) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+        """Coordinates of a submap's blocks, (N, 3), and of those written since the last call, (M, 3)."""
+        slot, coords = self._submaps[submap_id].slot, self._volume.pool.block_coord
+        return coords[self._volume.indices(slot)], coords[self._volume.take_written(slot, MESHED)]
+
+    def blocks_at(self, submap_id: int, coords: npt.NDArray[np.int32]) -> VoxelBlocks:
+        """Copies of the blocks at some coordinates, (N, 3), all of which exist, sorted."""
+        return self._volume.gather(self._volume.find(self._submaps[submap_id].slot, coords))
 
     def changes(self) -> tuple[dict[int, VoxelBlocks], dict[int, npt.NDArray[np.int32]]]:
         """Blocks written, and coordinates pruned, since the last call, by submap id."""

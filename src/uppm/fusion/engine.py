@@ -329,6 +329,14 @@ class PanopticFusion:
         """Copies of a submap's voxels; raises `InputError` where it has been merged or removed."""
         return self._all.blocks(submap_id)
 
+    def touched(self, submap_id: int) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+        """Coordinates of a submap's blocks, (N, 3), and of those written since the last call, (M, 3)."""
+        return self._all.touched(submap_id)
+
+    def blocks_at(self, submap_id: int, coords: npt.NDArray[np.int32]) -> VoxelBlocks:
+        """Copies of the blocks at some coordinates, (N, 3), all of which exist, sorted."""
+        return self._all.blocks_at(submap_id, coords)
+
     def changes(self) -> tuple[dict[int, VoxelBlocks], dict[int, npt.NDArray[np.int32]]]:
         """Blocks written, and coordinates pruned, since the last call, by submap id."""
         return self._all.changes()

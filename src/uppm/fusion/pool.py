@@ -44,7 +44,7 @@ class BlockPool:
         self.block_coord = reserve((max_blocks, 3), np.int32)
         self.block_slot = reserve((max_blocks,), np.int32)
         self.has_surface = reserve((max_blocks,), np.bool_)
-        self.dirty = reserve((max_blocks,), np.bool_)
+        self.dirty = reserve((max_blocks,), np.uint8)
         self.chunk_coord = reserve((chunks, 3), np.int32)
         self.chunk_slot = reserve((chunks,), np.int32)
         self.chunk_blocks = reserve((chunks, BLOCKS_PER_CHUNK), np.int32)

@@ -21,6 +21,8 @@ from uppm.fusion.pool import BlockPool
 from uppm.fusion.view import View
 
 Indices = npt.NDArray[np.int32]
+WRITTEN, SAVED, MESHED = 1, 2, 4
+"""Marks of a block: written, which is news to all; written and not yet read by who saves the map, or who meshes it."""
 NO_SLOTS = np.empty(0, dtype=np.int32)
 FREESPACE_RAY_STRIDE = 16
 """Pixels between the rays that allocate freespace: at 5 m under 20 cm apart, far less than a 2.4 m block."""
@@ -306,13 +308,17 @@ class Volume:
         p, n = self.pool, len(blocks)
         wanted = np.column_stack([np.full(n, slot), blocks.coords]).astype(np.int64)
         self._add(wanted, n)
-        at = self.indices(slot)
-        at = at[_positions(p.block_coord[at], blocks.coords)]
+        at = self.find(slot, blocks.coords)
         p.distance[at], p.weight[at], p.color[at] = blocks.distance, blocks.weight, blocks.color
         p.belonging[at], p.dirty[at] = blocks.belonging, True
         one_voxel = self._limit(slot, 1.0)
         for b in at:
             p.has_surface[b] = holds_surface(p.distance[b], p.weight[b], p.belonging[b], one_voxel)
+
+    def find(self, slot: int, coords: npt.NDArray[np.int32]) -> Indices:
+        """Pool indices of a submap's blocks at coordinates (N, 3), all of which exist."""
+        blocks = self.indices(slot)
+        return blocks[_positions(self.pool.block_coord[blocks], coords)]
 
     def drop(self, slot: int, blocks: Indices) -> None:
         """Return blocks of a submap to the pool."""
@@ -341,11 +347,17 @@ class Volume:
         self._pruned.pop(slot, None)
         self._free.append(slot)
 
+    def take_written(self, slot: int, reader: int) -> Indices:
+        """Blocks of a submap that were written since this reader, SAVED or MESHED, asked last."""
+        blocks = self.indices(slot)
+        marks = self.pool.dirty[blocks]
+        marks = np.where(marks & WRITTEN, SAVED | MESHED, marks)
+        self.pool.dirty[blocks] = marks - (marks & reader)
+        return blocks[(marks & reader) > 0]
+
     def changes(self, slot: int) -> tuple[VoxelBlocks, npt.NDArray[np.int32]]:
         """Blocks written and coordinates (N, 3) pruned since the last call for this submap."""
-        blocks = self.indices(slot)
-        blocks = blocks[self.pool.dirty[blocks]]
-        self.pool.dirty[blocks] = False
+        blocks = self.take_written(slot, SAVED)
         pruned = self._pruned.pop(slot, [])
         return self.gather(blocks), np.concatenate(pruned) if pruned else np.empty((0, 3), dtype=np.int32)
 

@@ -1,92 +1,170 @@
-"""Triangles from voxel blocks: marching cubes tile by tile, welded, coloured (method.md section 4)."""
+"""Triangles from voxel blocks: dual marching cubes block by block, joined, coloured (docs/architecture.md)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import KDTree
-from skimage.measure import marching_cubes
 
+from uppm._kernels.meshing import find_cells, make_quads, make_vertices
 from uppm.core.geometry import transform
-from uppm.core.types import VOXELS_PER_SIDE, Mesh, Submap, VoxelBlocks
+from uppm.core.types import Mesh, Submap, VoxelBlocks
 
-_T = TypeVar("_T", bound=np.generic)
-_C = TypeVar("_C", np.uint8, np.float32)
-
-MIN_BELONGING = 2
-"""Corners of a cell that must belong to the submap; 2 lets neighbouring surfaces meet without a gap."""
-MAX_STEP, DEEP = 1.8, 0.8
-"""Voxels of distance that an edge of a cell may span where it crosses the surface, and how deep it may end doing so."""
-_TILE = 8
-"""Blocks along a tile's side: bounds the memory of long thin submaps, such as walls around a corner."""
-_LEVEL = -0.5
-"""Isovalue in units of `VoxelBlocks.distance`: no integer equals it, so that no triangle degenerates."""
-_WELD = 1e-4
-"""Voxels; tiles compute the vertices of their shared face alike, up to rounding."""
+FULL = 32767.0
+SPAN = 1 << 20
+"""Block coordinates lie in [-SPAN, SPAN)."""
+AROUND = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+"""(27, 3): offsets of a block's neighbours; `places` of the kernels."""
 _FILL_RINGS = 4
 """Vertices so far from one with a colour get theirs from their neighbours."""
+_NO_QUADS = np.empty((0, 4, 2), dtype=np.int32)
+
+Keys = npt.NDArray[np.int64]
 
 
-@dataclass(frozen=True)
-class _Tile:
-    """Blocks as one dense array; `index` (bx, by, bz) is the block at each place, -1 for none."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Piece:
+    """What one block adds to its submap's mesh."""
 
-    low: npt.NDArray[np.int64]
-    """(3,) block coordinate of index[0, 0, 0]."""
-    index: npt.NDArray[np.int64]
-    shape: tuple[int, ...]
-    """Voxels of the tile and of the one layer that it shares with each next tile."""
+    vertices: npt.NDArray[np.float32]
+    """(V, 3), in voxels from voxel (0, 0, 0)'s centre, frame submap."""
+    normals: npt.NDArray[np.float32]
+    """(V, 3), frame submap."""
+    colors: npt.NDArray[np.float32]
+    """(V, 3), 0 to 255; NaN for none."""
+    quads: npt.NDArray[np.int32]
+    """(Q, 4, 2): the block of each corner, as its place in `AROUND`, and the vertex within that block."""
+    cases: npt.NDArray[np.uint8]
+    """(2, 8, 8, 8): case and seen sheets of each cell."""
+    first: npt.NDArray[np.int16]
+    """(8, 8, 8): first vertex of each cell."""
 
-    def dense(self, per_block: npt.NDArray[_T]) -> npt.NDArray[_T]:
-        """(X, Y, Z) from (N + 1, 8, 8, 8) whose last block stands for absent ones."""
-        bx, by, bz = self.index.shape
-        s = VOXELS_PER_SIDE
-        joined = per_block[self.index].transpose(0, 3, 1, 4, 2, 5).reshape(bx * s, by * s, bz * s)
-        x, y, z = self.shape
-        return joined[:x, :y, :z]
 
+def submap_mesh(submap: Submap, blocks: VoxelBlocks) -> Mesh:
+    """The surface that belongs to a submap, frame map.
 
-def submap_mesh(submap: Submap, blocks: VoxelBlocks, *, min_belonging: int = MIN_BELONGING) -> Mesh:
-    """The surface that belongs to a submap, in frame map.
-
-    A cell is meshed where its 8 corners were observed and at least `min_belonging` of them belong to the submap. Here a
-    voxel belongs only if the submap's surface was ever seen at it: one that rays merely passed has both counters at 0,
-    says nothing of a surface, and has no colour.
+    A grid edge whose ends were observed on different sides of the surface gives two triangles, if one end belongs to
+    the submap. A voxel belongs only if the submap's surface was ever seen at it: one that rays merely passed has both
+    counters at 0 and says nothing of a surface.
     """
-    seen = blocks.belonging[..., 0] > 0
-    # Colour is kept near the surface only; black stands for none, and black surroundings fill it in black.
-    colored = seen & blocks.color.any(axis=-1)
-    distance = _padded(blocks.distance).astype(np.float32)
-    observed = _padded(blocks.weight > 0)
-    belongs = _padded(seen & (blocks.weight > 0) & (blocks.belonging[..., 0] >= blocks.belonging[..., 1]))
-    voxel = 32767.0 * submap.voxel_size / submap.truncation
-    parts = []
-    for tile in _tiles(blocks.coords):
-        field = tile.dense(distance)
-        cells = _cells(tile.dense(observed), tile.dense(belongs), min_belonging) & _smooth(field, voxel)
-        surface = _surface(field, cells)
-        if surface is not None:
-            vertices, faces = surface
-            colors = _colors(vertices, tile, blocks.color, colored)
-            parts.append((vertices + float(VOXELS_PER_SIDE) * tile.low, colors, faces))
-    if not parts:
+    if not len(blocks):
         return empty_mesh()
-    voxels, colors, faces = _joined(parts)
-    if len(parts) > 1:
-        voxels, colors, faces = _welded(voxels, colors, faces)
-    vertices = transform(submap.T_map_submap, (voxels + 0.5) * submap.voxel_size)
+    keys = block_keys(blocks.coords)
+    return joined(submap, pieces(submap, blocks, keys, keys, {}))
+
+
+def block_keys(coords: npt.NDArray[np.integer]) -> Keys:
+    """One number a block coordinate (..., 3), in the order of sorted coordinates."""
+    c = coords.astype(np.int64) + SPAN
+    return (c[..., 0] * 2 * SPAN + c[..., 1]) * 2 * SPAN + c[..., 2]
+
+
+def around(keys: Keys) -> Keys:
+    """(N, 27): keys of the blocks around each, in the order of `AROUND`."""
+    return keys[:, None] + ((AROUND[:, 0] * 2 * SPAN + AROUND[:, 1]) * 2 * SPAN + AROUND[:, 2])
+
+
+def positions(keys: Keys, wanted: Keys) -> npt.NDArray[np.int32]:
+    """Index of each wanted key among sorted ones, -1 where it is not there."""
+    if not len(keys):
+        return np.full(wanted.shape, -1, dtype=np.int32)
+    at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+    return np.where(keys[at] == wanted, at, -1).astype(np.int32)
+
+
+def pieces(
+    submap: Submap, blocks: VoxelBlocks, reshaped: Keys, changed: Keys, known: Mapping[int, Piece]
+) -> dict[int, Piece]:
+    """The pieces of some blocks, by key.
+
+    Parameters
+    ----------
+    blocks : these blocks and those around them, sorted.
+    reshaped : keys of the blocks whose vertices are to be made.
+    changed : keys of the blocks whose quads are to be made, those of `reshaped` and some after them.
+    known : pieces as they were; those of `reshaped` blocks are not looked at.
+    """
+    keys, n = block_keys(blocks.coords), len(blocks)
+    near, scale = positions(keys, around(keys)), np.float32(submap.truncation / submap.voxel_size / FULL)
+    cells, first = np.zeros((2, n, 8, 8, 8), dtype=np.uint8), np.zeros((n, 8, 8, 8), dtype=np.int16)
+    for row, key in enumerate(keys.tolist()):
+        if key in known:
+            cells[:, row], first[row] = known[key].cases, known[key].first
+    here, counts = positions(keys, reshaped), np.zeros(len(reshaped), dtype=np.int64)
+    find_cells(here, near, blocks.distance, blocks.weight, scale, cells[0], cells[1], counts)
+    ends = np.cumsum(counts)
+    vertices, normals, colors = (np.empty((int(counts.sum()), 3), dtype=np.float32) for _ in range(3))
+    make_vertices(
+        here, near, blocks.coords, blocks.distance, blocks.weight, blocks.color, blocks.belonging, scale,
+        cells[0], cells[1], ends - counts, first, vertices, normals, colors,
+    )  # fmt: skip
+    quads = _quads(blocks, near, scale, cells, first, positions(keys, changed))
+    made = dict(zip(reshaped.tolist(), _parts(ends, vertices, normals, colors), strict=True))
+    out: dict[int, Piece] = {}
+    for key, row, own in zip(changed.tolist(), positions(keys, changed).tolist(), quads, strict=True):
+        v, normal, color = made[key] if key in made else (known[key].vertices, known[key].normals, known[key].colors)
+        out[key] = Piece(
+            vertices=v, normals=normal, colors=color, quads=own, cases=cells[:, row].copy(), first=first[row].copy()
+        )
+    return out
+
+
+def _parts(ends: Keys, *arrays: npt.NDArray[np.float32]) -> Iterable[tuple[npt.NDArray[np.float32], ...]]:
+    return zip(*(np.split(array, ends[:-1]) for array in arrays), strict=True)
+
+
+def _quads(
+    blocks: VoxelBlocks,
+    near: npt.NDArray[np.int32],
+    scale: np.float32,
+    cells: npt.NDArray[np.uint8],
+    first: npt.NDArray[np.int16],
+    rows: npt.NDArray[np.int32],
+) -> list[npt.NDArray[np.int32]]:
+    """Quads of each of the blocks in `rows`."""
+    given = rows, near, blocks.distance, blocks.weight, blocks.belonging, scale, cells[0], cells[1], first
+    counts = np.zeros(len(rows), dtype=np.int64)
+    make_quads(*given, counts, counts, _NO_QUADS)
+    ends, total = np.cumsum(counts), int(counts.sum())
+    out = np.empty((total, 4, 2), dtype=np.int32)
+    if total:
+        make_quads(*given, counts.copy(), ends - counts, out)
+    return np.split(out, ends[:-1])
+
+
+def joined(submap: Submap, parts: Mapping[int, Piece]) -> Mesh:
+    """One mesh, frame map, of all pieces of a submap."""
+    keys = np.array(sorted(parts), dtype=np.int64)
+    if not len(keys):
+        return empty_mesh()
+    ordered = [parts[key] for key in keys.tolist()]
+    starts = np.cumsum([0] + [len(piece.vertices) for piece in ordered[:-1]])
+    near, owner = positions(keys, around(keys)), np.repeat(np.arange(len(keys)), [len(p.quads) for p in ordered])
+    corners = np.concatenate([piece.quads for piece in ordered])
+    quads = starts[near[owner[:, None], corners[..., 0]]] + corners[..., 1]
+    voxels = np.concatenate([piece.vertices for piece in ordered])
+    used = np.zeros(len(voxels), dtype=np.bool_)
+    used[quads] = True
+    faces = (np.cumsum(used) - 1)[_triangles(voxels, quads)].astype(np.int32)
+    normals = np.concatenate([piece.normals for piece in ordered])[used] @ submap.T_map_submap[:3, :3].T
+    colors = np.concatenate([piece.colors for piece in ordered])[used]
+    vertices = transform(submap.T_map_submap, (voxels[used].astype(np.float64) + 0.5) * submap.voxel_size)
     return Mesh(
         vertices=vertices.astype(np.float32),
-        normals=_normals(vertices, faces),
+        normals=normals.astype(np.float32),
         colors=_filled(colors, faces),
         faces=faces,
     )
+
+
+def _triangles(vertices: npt.NDArray[np.float32], quads: npt.NDArray[np.integer]) -> npt.NDArray[np.integer]:
+    """Two triangles (2 Q, 3) a quad, on both sides of its shorter diagonal."""
+    corner = vertices[quads]
+    turn = np.linalg.norm(corner[:, 0] - corner[:, 2], axis=1) > np.linalg.norm(corner[:, 1] - corner[:, 3], axis=1)
+    turned = np.where(turn[:, None], np.roll(quads, -1, axis=1), quads)
+    return turned[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
 
 
 def empty_mesh() -> Mesh:
@@ -104,92 +182,18 @@ def merged(meshes: Sequence[Mesh]) -> Mesh:
     """Several meshes as one, unwelded."""
     if not meshes:
         return empty_mesh()
-    vertices, colors, faces = _joined([(m.vertices, m.colors, m.faces) for m in meshes])
-    normals = np.concatenate([m.normals for m in meshes])
-    return Mesh(vertices=vertices, normals=normals, colors=colors, faces=faces)
-
-
-def _padded(field: npt.NDArray[_T]) -> npt.NDArray[_T]:
-    return np.concatenate([field, np.zeros((1, *field.shape[1:]), field.dtype)])
-
-
-def _tiles(coords: npt.NDArray[np.int32]) -> Iterator[_Tile]:
-    for tile in np.unique(coords // _TILE, axis=0).astype(np.int64):
-        start = tile * _TILE
-        here = np.flatnonzero(((coords >= start) & (coords <= start + _TILE)).all(axis=1))
-        low, high = coords[here].min(axis=0).astype(np.int64), coords[here].max(axis=0)
-        index = np.full(high - low + 1, -1)
-        index[tuple((coords[here] - low).T)] = here
-        reach = np.minimum((high - low + 1) * VOXELS_PER_SIDE, (start + _TILE - low) * VOXELS_PER_SIDE + 1)
-        yield _Tile(low, index, tuple(reach.tolist()))
-
-
-def _cells(
-    observed: npt.NDArray[np.bool_], belongs: npt.NDArray[np.bool_], min_belonging: int
-) -> npt.NDArray[np.bool_]:
-    """(X, Y, Z) True at the highest corner of each cell to mesh, where scikit-image's mask is read."""
-    all_observed, belonging = observed.astype(np.bool_), belongs.astype(np.uint8)
-    for axis in range(3):
-        lower = tuple(slice(None, -1) if a == axis else slice(None) for a in range(3))
-        upper = tuple(slice(1, None) if a == axis else slice(None) for a in range(3))
-        all_observed = all_observed[lower] & all_observed[upper]
-        belonging = belonging[lower] + belonging[upper]
-    cells = np.zeros(observed.shape, dtype=np.bool_)
-    cells[1:, 1:, 1:] = all_observed & (belonging >= min_belonging)
-    return cells
-
-
-def _smooth(distance: npt.NDArray[np.floating], voxel: float) -> npt.NDArray[np.bool_]:
-    """(X, Y, Z) False at the highest corner of each cell with an edge on which the sign changes over a step too steep.
-
-    Distances along the normal change by at most a voxel from one voxel to the next. Where much more lies between deep
-    behind a surface and free space, rays passed beside an edge, and what is behind the edge was never seen. A thin
-    board's side, which is not deep, stays. voxel: a voxel in the units of `distance`.
-    """
-    smooth = np.ones(distance.shape, dtype=np.bool_)
-    for axis in range(3):
-        d = np.moveaxis(distance, axis, 0)
-        low, high = np.minimum(d[1:], d[:-1]), np.maximum(d[1:], d[:-1])
-        torn = (low < min(_LEVEL, -DEEP * voxel)) & (high > _LEVEL) & (high - low > MAX_STEP * voxel)
-        cells = np.moveaxis(smooth, axis, 0)
-        # An edge along the axis belongs to the four cells around it.
-        for j, k in ((0, 0), (0, 1), (1, 0), (1, 1)):
-            view = cells[1:, j:, k:]
-            view &= ~torn[:, : torn.shape[1] - j, : torn.shape[2] - k]
-    return smooth
-
-
-def _surface(
-    distance: npt.NDArray[np.floating], cells: npt.NDArray[np.bool_]
-) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32]] | None:
-    """Vertices (V, 3) in voxels from the tile's first voxel centre, and faces; None where no surface passes."""
-    if not cells.any() or not distance.min() < _LEVEL < distance.max():
-        return None
-    try:
-        vertices, faces, _, _ = marching_cubes(distance, _LEVEL, mask=cells)
-    except RuntimeError:  # No surface within the mask.
-        return None
-    return vertices, faces
-
-
-def _colors(
-    vertices: npt.NDArray[np.float32], tile: _Tile, color: npt.NDArray[np.uint8], colored: npt.NDArray[np.bool_]
-) -> npt.NDArray[np.float32]:
-    """Colours (V, 3) interpolated along each vertex's edge between the voxels that have one; NaN without any."""
-    low = np.floor(vertices).astype(np.int64)
-    share = (vertices - low).max(axis=1)
-    total, weight = np.zeros(vertices.shape, np.float32), np.zeros(len(vertices), np.float32)
-    for voxel, part in ((low, 1 - share), (np.ceil(vertices).astype(np.int64), share)):
-        at = (tile.index[tuple((voxel // VOXELS_PER_SIDE).T)], *(voxel % VOXELS_PER_SIDE).T)
-        w = np.where(colored[at], np.maximum(part, 1e-3), 0).astype(np.float32)
-        total += w[:, None] * color[at]
-        weight += w
-    return np.divide(total, weight[:, None], out=np.full_like(total, np.nan), where=weight[:, None] > 0)
+    starts = np.cumsum([0] + [len(m.vertices) for m in meshes[:-1]])
+    faces = [m.faces + np.int32(start) for m, start in zip(meshes, starts, strict=True)]
+    return Mesh(
+        vertices=np.concatenate([m.vertices for m in meshes]),
+        normals=np.concatenate([m.normals for m in meshes]),
+        colors=np.concatenate([m.colors for m in meshes]),
+        faces=np.concatenate(faces).astype(np.int32),
+    )
 
 
 def _filled(colors: npt.NDArray[np.float32], faces: npt.NDArray[np.int32]) -> npt.NDArray[np.uint8]:
     """Colours with NaN replaced, ring by ring, by the mean of the vertices around."""
-    colors = colors.copy()
     near, far = faces[:, [0, 1, 2, 1, 2, 0]].ravel(), faces[:, [1, 2, 0, 0, 1, 2]].ravel()
     for _ in range(_FILL_RINGS):
         gap = np.isnan(colors[:, 0])
@@ -201,42 +205,3 @@ def _filled(colors: npt.NDArray[np.float32], faces: npt.NDArray[np.int32]) -> np
             total = np.bincount(at, colors[far[use], channel], len(colors))
             np.divide(total, count, out=colors[:, channel], where=count > 0, casting="same_kind")
     return np.rint(np.nan_to_num(colors)).astype(np.uint8)
-
-
-def _joined(
-    parts: Sequence[tuple[npt.NDArray[np.floating], npt.NDArray[_C], npt.NDArray[np.int32]]],
-) -> tuple[npt.NDArray[np.floating], npt.NDArray[_C], npt.NDArray[np.int32]]:
-    """Vertices, colours and faces of all parts, faces renumbered."""
-    starts = np.cumsum([0] + [len(vertices) for vertices, _, _ in parts[:-1]])
-    faces = [faces + np.int32(start) for (_, _, faces), start in zip(parts, starts, strict=True)]
-    return (
-        np.concatenate([vertices for vertices, _, _ in parts]),
-        np.concatenate([colors for _, colors, _ in parts]),
-        np.concatenate(faces).astype(np.int32),
-    )
-
-
-def _welded(
-    voxels: npt.NDArray[np.floating], colors: npt.NDArray[_C], faces: npt.NDArray[np.int32]
-) -> tuple[npt.NDArray[np.floating], npt.NDArray[_C], npt.NDArray[np.int32]]:
-    """Join the vertices that two tiles have in common."""
-    side = _TILE * VOXELS_PER_SIDE
-    border = np.flatnonzero((np.abs(voxels - side * np.rint(voxels / side)) < _WELD).any(axis=1))
-    pairs = border[KDTree(voxels[border]).query_pairs(_WELD, output_type="ndarray")]
-    n = len(voxels)
-    graph = coo_array((np.ones(len(pairs), dtype=np.bool_), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    group = connected_components(graph, directed=False)[1]
-    _, first = np.unique(group, return_index=True)
-    faces = group[faces].astype(np.int32)
-    whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
-    return voxels[first], colors[first], faces[whole]
-
-
-def _normals(vertices: npt.NDArray[np.float64], faces: npt.NDArray[np.int32]) -> npt.NDArray[np.float32]:
-    """Unit normals (V, 3): the faces' around each vertex, weighted by area."""
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    face = np.repeat(np.cross(b - a, c - a), 3, axis=0)
-    corner = faces.ravel()
-    normals = np.stack([np.bincount(corner, face[:, i], len(vertices)) for i in range(3)], axis=1)
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    return (normals / np.where(length > 0, length, 1)).astype(np.float32)
