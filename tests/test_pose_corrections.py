@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from tests.map.scenes import box
 from tests.scenes import Box, look_at, render
 from uppm.core.config import Config
 from uppm.core.types import GroundTruth
@@ -70,3 +73,44 @@ def test_mapping_goes_on_in_the_corrected_map() -> None:
     assert len(mapper.map.objects) == 2
     assert [s.views for s in mapper.map.objects] == [16, 16]
     assert max(errors(mapper)) < 0.045
+
+
+ROW = [Box([x - 0.2, -0.2, 0.0], [x + 0.2, 0.2, 0.4]) for x in (0.0, 2.0, 4.0)]
+
+
+def drifting():
+    """Three boxes in turn, eight frames each, with poses that drift 5 mm a frame: (frame as recorded, true pose)."""
+    names = dict.fromkeys(range(1, 4), "suitcase")
+    for n in range(24):
+        center, angle = [2.0 * (n // 8), 0.0, 0.2], np.pi / 4 * (n % 8)
+        true = look_at(center + np.array([1.3 * np.cos(angle), 1.3 * np.sin(angle), 0.7]), center)
+        frame, ids = render([ROW[n // 8]], true, n)
+        ids = np.where(ids > 0, n // 8 + 1, 0).astype(np.int32)
+        drifted = true.copy()
+        drifted[:3, 3] += [0.0, 0.005 * n, 0.0]
+        truth = GroundTruth(instance=ids, names=names, things=frozenset(names))
+        yield replace(frame, T_map_camera=drifted, truth=truth), true
+
+
+def surface_errors(mapper: Mapper) -> list[float]:
+    """Mean distance of each submap's surface from the nearest box's, metres."""
+    shapes = [box(b.low.tolist(), b.high.tolist()) for b in ROW]
+    found = [mapper.map.submap_mesh(s.id).vertices.astype(np.float64) for s in mapper.map.objects]
+    return [float(np.min([np.abs(shape(v)) for shape in shapes], axis=0).mean()) for v in found]
+
+
+def test_surfaces_that_drifted_come_to_lie_where_they_are() -> None:
+    config = Config.load(None, ["perception.profile=groundtruth", "fusion.max_blocks=20000"])
+    mapper, poses = Mapper(config), {}
+    for frame, true in drifting():
+        mapper.integrate(frame)
+        poses[frame.index] = true
+    before = surface_errors(mapper)
+    mapper.update_poses(poses)
+    after = surface_errors(mapper)
+    print(f"surface error before {before}, after {after} m")
+    assert len(before) == 3
+    # What a box drifted while it was seen, up to 2 cm either way, stays in its submap.
+    assert max(after) < 0.012
+    assert before[2] > 3 * after[2]
+    assert before[1] > 2 * after[1]

@@ -38,8 +38,9 @@ def place(volume: Volume, view: View, slot_image: np.ndarray) -> np.ndarray:
 class Fused:
     """Three submaps after some frames, by the kernels and by the references."""
 
-    def __init__(self) -> None:
-        self.volume = Volume(20000, 1e4, 0.2)
+    def __init__(self, noise_growth: int = 2) -> None:
+        self.noise_growth = noise_growth
+        self.volume = Volume(20000, 1e4, 0.2, noise_growth)
         poses = [np.eye(4), T_MAP_SUBMAP, np.eye(4)]
         self.slots = np.array([self.volume.add(s, 2 * s, T, False) for s, T in zip(SIZES, poses, strict=True)])
         self.slots = self.slots.astype(np.int32)
@@ -73,7 +74,7 @@ class Fused:
             seen = {tuple(c) for c in pool.block_coord[touched[pool.block_slot[touched] == self.slots[n]]].tolist()}
             expected = reference.integrate(
                 coords, voxels, images, tuple(map(float, view.camera)), view.T_camera_map @ self.poses[n],
-                SIZES[n], 2 * SIZES[n], int(self.slots[n]), 0.2, 1e4,
+                SIZES[n], 2 * SIZES[n], int(self.slots[n]), 0.2, 1e4, self.noise_growth,
             )  # fmt: skip
             self.compare(n, np.array([tuple(c) in seen for c in coords.tolist()]), voxels, expected)
 
@@ -107,6 +108,18 @@ def test_integrate_agrees(fused: Fused) -> None:
         coords, voxels = fused.state(n)
         assert len(coords) > 5
         assert (voxels["weight"] > 0).mean() > 0.1
+
+
+@pytest.mark.parametrize("noise_growth", [0, 1])
+def test_weights_follow_the_noise(noise_growth: int) -> None:
+    scene = Fused(noise_growth)
+    for eye in EYES[:2]:
+        scene.integrate(eye)
+    weight = scene.state(0)[1]["weight"]
+    if noise_growth == 0:
+        # In front of the band's end, every measurement counts alike, near or far.
+        one = np.float32(CAMERA.fx * CAMERA.fy * SIZES[0] ** 2)
+        assert np.isin(np.round(weight[weight > 0] / one, 3), (1.0, 2.0)).mean() > 0.6
 
 
 def test_allocation_covers_the_band_and_little_more(fused: Fused) -> None:

@@ -142,19 +142,20 @@ def signed_distances(inverse, far, right, down, four, incidence, band, max_step,
 
 
 @nb.njit(cache=True, error_model="numpy")
-def average(sdf, inverse, area, size, band, max_weight, distance, weight, gain):
+def average(sdf, inverse, area, size, band, max_weight, noise_growth, distance, weight, gain):
     """Move the running means of a block's distances and weights; gain (512,) is the new one's share.
 
-    area: fx * fy * size^2, so that the weight is area / z^4 (method.md section 4).
+    area: fx * fy * size^2; noise_growth: power of z with which the depth's standard deviation grows, so that the
+    weight is area / z^4 where it is 2 (method.md section 4), area / z^2 where 1, area where 0.
     """
     inv_size = np.float32(1.0) / size
     scale, inv_scale = band / FULL, FULL / band
-    zero, tiny, drop = np.float32(0.0), np.float32(1e-30), np.float32(1.0) / (band - size)
+    zero, one, tiny, drop = np.float32(0.0), np.float32(1.0), np.float32(1e-30), np.float32(1.0) / (band - size)
     for n in range(VOXELS):
         s = sdf[n]
         live = s >= -band
         squared = inverse[n] * inverse[n]
-        w = area * squared * squared
+        w = area * (squared if noise_growth > 0 else one) * (squared if noise_growth > 1 else one)
         w = w * (s + band) * drop if s < -size else w
         w = w if live else zero
         # Deep behind one surface may be just behind another, the other side of a wall say, which knows better.
@@ -202,7 +203,7 @@ def count_belongings(sdf, shown, slot, rest_slot, observed, size, band, belongin
 
 @nb.njit(cache=True, parallel=True, error_model="numpy")
 def integrate(
-    blocks, range_image, cosine, slot_image, color_image, camera, max_step, max_weight,
+    blocks, range_image, cosine, slot_image, color_image, camera, max_step, max_weight, noise_growth,
     freespace_slot, rest_slot, observed, rotations, translations, voxel_sizes, truncations,
     block_coord, block_slot, distance, weight, color, belonging, has_surface, dirty,
 ):  # fmt: skip
@@ -233,7 +234,7 @@ def integrate(
         if signed_distances(inverse, far, right, down, room[:4], incidence, band, max_step, sdf) == 0:
             continue
         d, w = distance[block].reshape(VOXELS), weight[block].reshape(VOXELS)
-        average(sdf, inverse, focal_area * size * size, size, band, max_weight, d, w, gain)
+        average(sdf, inverse, focal_area * size * size, size, band, max_weight, noise_growth, d, w, gain)
         dirty[block] = True
         if slot != freespace_slot:
             look_at_slots(index[1], slot_image, index[2])

@@ -99,6 +99,7 @@ def integrate(
     slot: int,
     max_step: float,
     max_weight: float,
+    noise_growth: int = 2,
 ) -> dict[str, Array]:
     """One frame into the blocks of one submap.
 
@@ -118,7 +119,7 @@ def integrate(
     sdf = along * incidence
     keep = (measured > 0) & (sdf >= -band) & (along >= -BEHIND * band)
     at, sdf = tuple(axis[keep] for axis in at), sdf[keep]
-    w = fx * fy * (size / z[at]) ** 2 / z[at] ** 2
+    w = fx * fy * size**2 / z[at] ** (2 * noise_growth)
     w = np.where(sdf < -size, w * (sdf + band) / (band - size), w)
     w /= 1 + FADE * np.minimum(sdf / size + SHELL, 0) ** 2
     some = voxels["weight"][at] + w > 0

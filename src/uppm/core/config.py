@@ -85,6 +85,9 @@ class InputConfig(Section):
     stride: int = Field(default=1, ge=1)
     """Every n-th frame is used."""
     max_frames: int | None = Field(default=None, ge=1)
+    depth_noise: Literal["none", "structured-light"] = "none"
+    """Noise of a sensor that is put on exact depth."""
+    noise_seed: int = Field(default=0, ge=0)
     strict: bool = False
     """A bad frame ends the run instead of being skipped and counted."""
 
@@ -162,6 +165,8 @@ class FusionConfig(Section):
     """Voxels."""
     distance: Literal["normal", "ray"] = "normal"
     """Signed distance along the surface's normal, or along the ray as Panoptic Multi-TSDFs has it."""
+    noise: Literal["quadratic", "linear", "constant"] = "quadratic"
+    """How the depth's standard deviation grows with depth: a measurement's weight is its inverse square."""
     max_weight: float = Field(default=1e4, gt=0)
     interpolation: Literal["bilinear", "nearest"] = "bilinear"
     """Of range between pixels."""

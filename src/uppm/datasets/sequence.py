@@ -12,6 +12,7 @@ from uppm.core.config import InputConfig
 from uppm.core.errors import BadFrameError, InputError
 from uppm.core.types import Frame, GroundTruth, Intrinsics
 from uppm.core.validation import check_pose
+from uppm.datasets.noise import structured_light
 from uppm.datasets.poses import pose_matrix
 
 Image = npt.NDArray[np.uint8]
@@ -120,7 +121,7 @@ class PosedSequence:
             index=position,
             stamp=frame.stamp,
             color=_checked(frame, "colour", frame.color(), self.raw.color),
-            depth=self._depth(frame),
+            depth=self._noisy(self._depth(frame), position),
             T_map_camera=pose,
             intrinsics=self.raw.color,
             truth=self._truth(frame),
@@ -136,6 +137,11 @@ class PosedSequence:
 
         size = (self.raw.color.width, self.raw.color.height)
         return register_depth(depth, self.raw.depth.matrix, self.raw.color.matrix, self.raw.T_color_depth, size)
+
+    def _noisy(self, depth: npt.NDArray[np.float32], position: int) -> npt.NDArray[np.float32]:
+        if self.config.depth_noise == "none":
+            return depth
+        return structured_light(depth, self.raw.color.fx, self.config.noise_seed, position)
 
     def _truth(self, frame: RawFrame) -> GroundTruth | None:
         truth = frame.truth()

@@ -32,6 +32,10 @@ from uppm.fusion.volume import Visible, Volume
 IdImage = npt.NDArray[np.int32]
 
 
+NOISE_GROWTH = {"constant": 0, "linear": 1, "quadratic": 2}
+"""Power of the depth with which a sensor's noise grows."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Tracks:
     """The submaps that a frame may show, and how its segments fall on them."""
@@ -66,7 +70,7 @@ class PanopticFusion:
         self._threads = min(config.threads, numba_config.NUMBA_NUM_THREADS)  # pyright: ignore[reportAttributeAccessIssue]
         self._views = ViewFactory(config.depth_min, config.depth_max, along_normal=config.distance == "normal")
         max_step = config.interpolation_max_step if config.interpolation == "bilinear" else 0.0
-        self._volume = Volume(config.max_blocks, config.max_weight, max_step)
+        self._volume = Volume(config.max_blocks, config.max_weight, max_step, NOISE_GROWTH[config.noise])
         self._likeness = merging.Likeness(volume=self._volume, policy=self._policy, config=config)
         self._all = SubmapCollection(self._volume, config.truncation)
         self.dropped = self._all.dropped

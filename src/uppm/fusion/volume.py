@@ -64,9 +64,9 @@ class Volume:
     A submap is known here by its slot; slots are used again after `remove`.
     """
 
-    def __init__(self, max_blocks: int, max_weight: float, max_step: float) -> None:
+    def __init__(self, max_blocks: int, max_weight: float, max_step: float, noise_growth: int = 2) -> None:
         self.pool = BlockPool(max_blocks)
-        self._limits = np.float32(max_step), np.float32(max_weight)
+        self._limits = np.float32(max_step), np.float32(max_weight), noise_growth
         self._head = np.full(64, NONE, dtype=np.int32)
         self._voxel_size = np.zeros(64, dtype=np.float32)
         self._truncation = np.zeros(64, dtype=np.float32)
@@ -243,10 +243,11 @@ class Volume:
         observed = np.zeros(len(self._head), dtype=np.bool_)
         observed[objects] = True
         p, (R, t) = self.pool, self._T_camera_submap(view)
-        max_step, max_weight = self._limits
+        max_step, max_weight, noise_growth = self._limits
         integrate(
             blocks, view.range_image, view.cosine, slot_image, view.color, view.camera,
-            max_step, max_weight, self._freespace, rest, observed, R, t, self._voxel_size, self._truncation,
+            max_step, max_weight, noise_growth, self._freespace, rest, observed, R, t,
+            self._voxel_size, self._truncation,
             p.block_coord, p.block_slot, p.distance, p.weight, p.color, p.belonging, p.has_surface, p.dirty,
         )  # fmt: skip
 
