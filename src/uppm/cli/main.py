@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from uppm.cli.bench import bench_app
+from uppm.cli.bench_ablation import bench_ablation_command
 from uppm.cli.check import check
 from uppm.cli.convert import convert_app
 from uppm.cli.demo import demo
@@ -21,6 +22,7 @@ from uppm.cli.models import models_app
 from uppm.cli.query import query
 from uppm.core.errors import UppmError
 
+bench_app.command("ablation")(bench_ablation_command)
 evaluate_app.command("retrieval")(evaluate_retrieval_command)
 app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False, add_completion=False)
 app.command("map")(map_command)
