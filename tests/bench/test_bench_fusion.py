@@ -146,6 +146,7 @@ def test_the_map_grows_lap_by_lap(room: Path) -> None:
     # Laps see nothing of each other, so that each adds as much.
     assert second == pytest.approx(2 * first, rel=0.1)
     assert third == pytest.approx(3 * first, rel=0.1)
+    assert (found["frames"], found["peak_memory_mb"]) == (9, max(found["lap_memory_mb"]))
     assert found["growth_ratio"] == pytest.approx(
         found["lap_ms_per_frame_median"][2] / found["lap_ms_per_frame_median"][1], rel=0.01
     )
@@ -187,8 +188,11 @@ def test_the_command_prints_one_document_or_a_table(room: Path) -> None:
     shown = CliRunner().invoke(app, wanted).stdout
     assert "integrate, ms" in shown
     assert "pip install uppm[bench]" in shown
-    curve = CliRunner().invoke(app, [*wanted, "--curve", "2"]).stdout
-    assert "last lap against the second" in curve
+    curve = CliRunner().invoke(app, [*wanted, "--curve", "2", "--max-memory", "100000"])
+    assert curve.exit_code == 0
+    assert "last lap against the second" in curve.stdout
+    assert "4 frames, at most" in curve.stdout
+    assert CliRunner().invoke(app, [*wanted, "--curve", "2", "--max-memory", "1"]).exit_code == 1
 
 
 @pytest.mark.usefixtures("no_open3d")

@@ -62,6 +62,7 @@ def bench_fusion_command(
     frames: Annotated[int | None, typer.Option(min=1, help="Use the first so many; a lap's with --curve.")] = None,
     repeat: Annotated[int, typer.Option(min=1, help="Runs of each case.")] = 1,
     curve: Annotated[int | None, typer.Option(min=2, metavar="LAPS", help="Go on over a growing map.")] = None,
+    max_memory: Annotated[float | None, typer.Option(min=1, metavar="MB", help="With --curve: exit 1 beyond.")] = None,
     open3d: Annotated[bool, typer.Option(help="Measure Open3D in the same run.")] = True,
     set_: Annotated[list[str] | None, typer.Option("--set", help="One setting, as fusion.truncation=3.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON: one object, or a list for several.")] = False,
@@ -88,6 +89,8 @@ def bench_fusion_command(
         typer.echo(json.dumps(results if len(results) > 1 else results[0], indent=2))
     else:
         _print_curves(results) if curve else _print_table(results)
+    if curve and max_memory and max(result["peak_memory_mb"] for result in results) > max_memory:
+        raise typer.Exit(1)
 
 
 def _print_table(results: list[dict[str, Any]]) -> None:
@@ -117,6 +120,8 @@ def _print_curves(results: list[dict[str, Any]]) -> None:
         for lap, row in enumerate(zip(*rows, strict=True), start=1):
             table.add_row(str(lap), *map(str, row))
         Console().print(table)
+        frames, peak, per_block = result["frames"], result["peak_memory_mb"], result["kb_per_block"]
+        typer.echo(f"{frames} frames, at most {peak} MB; {per_block} kB a block from the first lap to the last")
         growth = f"{result['blocks_growth']} times the blocks: {result['growth_ratio']} times the time"
         typer.echo(f"last lap against the second, {growth}")
     _print_machine(results[0])
