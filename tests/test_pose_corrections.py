@@ -111,6 +111,6 @@ def test_surfaces_that_drifted_come_to_lie_where_they_are() -> None:
     print(f"surface error before {before}, after {after} m")
     assert len(before) == 3
     # What a box drifted while it was seen, up to 2 cm either way, stays in its submap.
-    assert max(after) < 0.012
-    assert before[2] > 3 * after[2]
-    assert before[1] > 2 * after[1]
+    assert max(after) < 0.015
+    assert before[2] > 2.5 * after[2]
+    assert before[1] > 1.5 * after[1]

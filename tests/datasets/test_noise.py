@@ -49,7 +49,7 @@ def test_a_step_casts_a_shadow_of_the_difference_of_disparities(near: float, far
     width = FX * BASELINE * (1 / near - 1 / far)
     assert abs(shadow[0].sum() - width) <= 1
     # On the left of what is near, all of it, and nowhere else.
-    assert shadow[0, 149 - int(width) + 1 : 150].all()
+    assert shadow[0, 150 - int(width) + 1 : 150].all()
     assert not shadow[0, 150:].any()
     # Beside the shadow, neighbouring pixels mix over the step.
     noisy = structured_light(depth, FX, 0, 0)

@@ -85,7 +85,7 @@ lives = st.lists(
 @settings(deadline=None, max_examples=40, derandomize=True)
 @given(lives)
 def test_volume_behaves_as_a_dict_of_dicts(steps: list) -> None:
-    volume, truth, slots = Volume(1024, 1e4, 0.2), {}, {}
+    volume, truth, slots = Volume(4096, 1e4, 0.2), {}, {}
     for what, name, coords, value in steps:
         if what == "put":
             if name not in slots:
@@ -110,7 +110,7 @@ def test_volume_behaves_as_a_dict_of_dicts(steps: list) -> None:
 
 
 def test_more_submaps_than_there_were_slots_and_more_blocks_than_there_is_room() -> None:
-    volume = Volume(1024, 1e4, 0.2)
+    volume = Volume(4096, 1e4, 0.2)
     slots = [volume.add(0.05, 0.1, np.eye(4), False) for _ in range(200)]
     assert sorted(slots) == list(range(200))
     for n, slot in enumerate(slots):
@@ -119,5 +119,5 @@ def test_more_submaps_than_there_were_slots_and_more_blocks_than_there_is_room()
         found = volume.gather(volume.indices(slot))
         assert sorted(map(tuple, found.coords.tolist())) == sorted({(n, -n, 0), (0, 0, n)})
         assert (found.distance == n).all()
-    with pytest.raises(UppmError, match=r"needs more than 1024 blocks; raise fusion.max_blocks"):
-        volume.put(slots[0], filled([(x, y, 9) for x in range(30) for y in range(30)], 1))
+    with pytest.raises(UppmError, match=r"needs more than 4096 blocks; raise fusion.max_blocks"):
+        volume.put(slots[0], filled([(x, y, 9) for x in range(70) for y in range(70)], 1))

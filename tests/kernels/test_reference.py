@@ -119,7 +119,7 @@ def test_weights_follow_the_noise(noise_growth: int) -> None:
     if noise_growth == 0:
         # In front of the band's end, every measurement counts alike, near or far.
         one = np.float32(CAMERA.fx * CAMERA.fy * SIZES[0] ** 2)
-        assert np.isin(np.round(weight[weight > 0] / one, 3), (1.0, 2.0)).mean() > 0.6
+        assert np.isin(np.round(weight[weight > 0] / one, 3), (1.0, 2.0)).mean() > 0.5
 
 
 def test_allocation_covers_the_band_and_little_more(fused: Fused) -> None:
