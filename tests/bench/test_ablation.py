@@ -13,7 +13,7 @@ from uppm.bench.ablation import VARIANTS
 from uppm.cli.main import app
 from uppm.core.config import Config
 
-FEW = ["--set", "input.max_frames=4", "--set", "input.stride=6", "--json"]
+FEW = ["--set", "input.max_frames=7", "--set", "input.stride=5", "--json"]
 
 
 @pytest.mark.parametrize("name", VARIANTS)
@@ -27,7 +27,7 @@ def test_variants_are_measured_on_the_same_frames() -> None:
     done = CliRunner().invoke(app, ["bench", "ablation", "--sequence", str(DEMO), *wanted, *FEW])
     assert done.exit_code == 0, done.output
     rows = {row["variant"]: row for row in json.loads(done.output)["rows"]}
-    assert [row["frames"] for row in rows.values()] == [4] * 3
+    assert [row["frames"] for row in rows.values()] == [7] * 3
     # Coarser voxels take less memory and show less.
     fine, coarse = rows["uppm"], rows["one voxel size, 5 cm"]
     assert coarse["blocks"] < fine["blocks"]

@@ -53,8 +53,12 @@ def unseen(submap: LiveSubmap, config: FusionConfig) -> bool:
 
 
 def believed(submap: LiveSubmap, config: FusionConfig) -> bool:
-    """Whether the evidence for a submap, less what spoke against it, is enough at the end; counting keeps all."""
+    """Whether the evidence for a submap, less what spoke against it, is enough at the end; counting keeps all.
+
+    Where frames are counted, the end makes every submap inactive, as in Panoptic Multi-TSDFs.
+    """
     if config.life_cycle == "count":
+        submap.state = SubmapState.INACTIVE
         return True
     return submap.state is not SubmapState.TENTATIVE and submap.evidence >= config.confirm_evidence
 
