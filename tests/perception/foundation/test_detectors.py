@@ -17,6 +17,7 @@ from uppm.core.config import PerceptionConfig
 from uppm.core.protocols import Detector
 from uppm.core.types import Detections, Frame, Provenance
 from uppm.perception.registry import create_detector
+from uppm.perception.segmentation import grounding_dino
 from uppm.perception.segmentation.grounding_dino import GroundingDino
 from uppm.perception.segmentation.prompts import pack, phrases
 
@@ -76,6 +77,19 @@ def test_no_label_changes_what_is_found_of_another(models: Models, picture: Fram
         for text in set(part) & set(TEXTS):
             for ours, before in zip(of(found, text), of(whole, text), strict=True):
                 np.testing.assert_allclose(ours, before, atol=tolerance)
+
+
+def test_rows_taken_together_give_what_each_gives_alone(
+    models: Models, picture: Frame, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on a GPU: several texts of one length in a batch, one image for all."""
+    models("grounding_dino")
+    alone = detector("grounding_dino").detect(picture.color, labels(*TEXTS, "door", "floor", "blue mug"))
+    monkeypatch.setattr(grounding_dino, "CPU_ROWS", 3)
+    together = detector("grounding_dino").detect(picture.color, labels(*TEXTS, "door", "floor", "blue mug"))
+    for text in {label.text for label in alone.labels}:
+        for ours, before in zip(of(together, text), of(alone, text), strict=True):
+            np.testing.assert_allclose(ours, before, atol=1e-4)
 
 
 @pytest.mark.parametrize("kind", DINOS)

@@ -71,7 +71,7 @@ def test_the_image_is_embedded_once_and_boxes_go_in_chunks(
         return embed(*args, **kwargs)
 
     monkeypatch.setattr(network, "get_image_embeddings", counted)
-    monkeypatch.setattr({"sam": sam, "sam2": sam2}[kind], "BOXES_AT_ONCE", 2)
+    monkeypatch.setattr(sam, "BOXES_AT_ONCE", 2)
     chunked = generator(kind).masks(picture, BOXES)
     assert embedded == [1]
     assert (chunked != whole).mean() < 1e-3

@@ -20,6 +20,8 @@ NAMES = {
     "siglip": "siglip-base",
 }
 """Back end -> the model whose place its tiny network takes."""
+SIZES = {"hidden_size": 32, "intermediate_size": 32, "num_hidden_layers": 2, "num_attention_heads": 2}
+"""Of the encoders of pictures and of texts."""
 
 
 def made(kind: str, root: Path) -> Path:
@@ -160,10 +162,9 @@ def owlv2(folder: Path) -> None:
     torch, t = torch_or_skip()
     tokenizer = clip_tokenizer(folder)
     torch.manual_seed(0)
-    sizes = {"hidden_size": 32, "intermediate_size": 32, "num_hidden_layers": 2, "num_attention_heads": 2}
     config = t.Owlv2Config(
-        text_config={**sizes, **special(tokenizer), "max_position_embeddings": 32},
-        vision_config={**sizes, "image_size": 64, "patch_size": 16},
+        text_config={**SIZES, **special(tokenizer), "max_position_embeddings": 32},
+        vision_config={**SIZES, "image_size": 64, "patch_size": 16},
         projection_dim=32,
     )
     processor = t.Owlv2ImageProcessorPil(size={"height": 64, "width": 64})
@@ -238,7 +239,7 @@ def sam3(folder: Path) -> None:
             ),
             fpn_hidden_size=32, backbone_feature_sizes=[[32, 32], [16, 16], [8, 8]],
         ),
-        text_config={**sizes, **special(tokenizer), "num_hidden_layers": 1, "projection_dim": 16,
+        text_config={**SIZES, **special(tokenizer), "projection_dim": 16,
                      "max_position_embeddings": 32, "hidden_act": "gelu"},
         geometry_encoder_config=t.Sam3GeometryEncoderConfig(**sizes, num_layers=1),
         detr_encoder_config=t.Sam3DETREncoderConfig(**sizes, num_layers=1),
@@ -255,10 +256,9 @@ def clip(folder: Path) -> None:
     torch, t = torch_or_skip()
     tokenizer = clip_tokenizer(folder)
     torch.manual_seed(0)
-    sizes = {"hidden_size": 32, "intermediate_size": 32, "num_hidden_layers": 2, "num_attention_heads": 2}
     config = t.CLIPConfig(
-        text_config={**sizes, **special(tokenizer), "max_position_embeddings": 32},
-        vision_config={**sizes, "image_size": 32, "patch_size": 8},
+        text_config={**SIZES, **special(tokenizer), "max_position_embeddings": 32},
+        vision_config={**SIZES, "image_size": 32, "patch_size": 8},
         projection_dim=16,
     )
     model = t.CLIPModel(config)
@@ -271,10 +271,9 @@ def siglip(folder: Path) -> None:
     """SigLIP of two layers on images of 32 pixels a side."""
     torch, t = torch_or_skip()
     torch.manual_seed(0)
-    sizes = {"hidden_size": 32, "intermediate_size": 32, "num_hidden_layers": 2, "num_attention_heads": 2}
     config = t.SiglipConfig(
-        text_config={**sizes, "vocab_size": 64, "bos_token_id": 1, "eos_token_id": 2, "pad_token_id": 0},
-        vision_config={**sizes, "image_size": 32, "patch_size": 8},
+        text_config={**SIZES, "vocab_size": 64, "bos_token_id": 1, "eos_token_id": 2, "pad_token_id": 0},
+        vision_config={**SIZES, "image_size": 32, "patch_size": 8},
     )
     model = t.SiglipModel(config)
     spread(model)

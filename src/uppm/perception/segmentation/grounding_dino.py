@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
@@ -22,23 +21,17 @@ from uppm.core.config import PerceptionConfig
 from uppm.core.types import Detections, Label
 from uppm.perception.models.network import Loaded, Network, Weights
 from uppm.perception.registry import model_of
-from uppm.perception.segmentation.prompts import Found, Row, detections, pack, phrases
+from uppm.perception.segmentation.prompts import Found, Processor, Row, detections, pack, phrases
 
 if TYPE_CHECKING:
     import torch
 
 BOX_SCORE = 0.35
 """Least score of a phrase: its best token's."""
-GPU_ROWS = 8
-"""Rows of one length that a GPU takes at once. A CPU takes one: it gains nothing by more, and so a phrase's numbers are
-the same to the bit whatever is asked for beside it."""
+GPU_ROWS, CPU_ROWS = 8, 1
+"""Rows of one length taken at once. A CPU gains nothing by more than one, and so a phrase's numbers are the same to the
+bit there whatever is asked for beside it."""
 Scores = npt.NDArray[np.float32]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Processor:
-    image: Any
-    tokenizer: Any
 
 
 class GroundingDino:
@@ -58,28 +51,26 @@ class GroundingDino:
         """Release the network."""
         self._network.close()
 
-    def _load(self, weights: Weights) -> tuple[Any, _Processor]:
+    def _load(self, weights: Weights) -> tuple[Any, Processor]:
         import transformers
 
-        image = transformers.GroundingDinoImageProcessorPil.from_pretrained(weights.folder)
-        tokenizer = transformers.AutoTokenizer.from_pretrained(weights.folder)
         model = weights.pretrained(getattr(transformers, self.network))
-        return model, _Processor(image=image, tokenizer=tokenizer)
+        return model, Processor.load(weights, "GroundingDinoImageProcessorPil")
 
-    def _detect(self, loaded: Loaded[_Processor], color: npt.NDArray[np.uint8], labels: Sequence[Label]) -> Detections:
+    def _detect(self, loaded: Loaded[Processor], color: npt.NDArray[np.uint8], labels: Sequence[Label]) -> Detections:
         rows = _rows(loaded, labels, together=self._config.prompts == "joint")
         if not rows:
             return detections([], color.shape)
         inputs = loaded.helper.image(color, return_tensors="np")
         pixels, mask = loaded.tensor(inputs["pixel_values"]), loaded.tensor(inputs["pixel_mask"])
-        size, found = 1 if loaded.device.type == "cpu" else GPU_ROWS, list[Found]()
+        size, found = CPU_ROWS if loaded.device.type == "cpu" else GPU_ROWS, list[Found]()
         with _looking_once(loaded.module.model.backbone, pixels, mask):
             for batch in _batches(rows, size):
                 found += self._ask(loaded, batch, pixels, mask)
         return detections(found, color.shape)
 
     def _ask(
-        self, loaded: Loaded[_Processor], rows: Sequence[Row], pixels: torch.Tensor, mask: torch.Tensor
+        self, loaded: Loaded[Processor], rows: Sequence[Row], pixels: torch.Tensor, mask: torch.Tensor
     ) -> Iterator[Found]:
         n, ids = len(rows), loaded.tensor(np.array([row.tokens for row in rows]))
         out = loaded.module(pixel_values=pixels.expand(n, -1, -1, -1), pixel_mask=mask.expand(n, -1, -1), input_ids=ids)
@@ -106,7 +97,7 @@ class MMGroundingDino(GroundingDino):
     back_end, network = "mm_grounding_dino", "MMGroundingDinoForObjectDetection"
 
 
-def _rows(loaded: Loaded[_Processor], labels: Sequence[Label], *, together: bool) -> list[Row]:
+def _rows(loaded: Loaded[Processor], labels: Sequence[Label], *, together: bool) -> list[Row]:
     tokenizer = loaded.helper.tokenizer
     some = phrases(labels, lambda word: tokenizer.encode(word, add_special_tokens=False))
     stop = tokenizer.convert_tokens_to_ids(".")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,18 +12,12 @@ from uppm.core.config import PerceptionConfig
 from uppm.core.types import Detections, Label
 from uppm.perception.models.network import Loaded, Network, Weights
 from uppm.perception.registry import model_of
-from uppm.perception.segmentation.prompts import detections, unique_labels
+from uppm.perception.segmentation.prompts import Processor, detections, unique_labels
 
 SCORE = 0.2
 """Least score of a box; OWLv2's are lower than other detectors'."""
 TEMPLATE = "a photo of a {}"
 """The model was trained on sentences such as this."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Processor:
-    image: Any
-    tokenizer: Any
 
 
 class Owlv2:
@@ -51,16 +44,14 @@ class Owlv2:
         self._network.close()
 
 
-def _load(weights: Weights) -> tuple[Any, _Processor]:
-    from transformers import AutoTokenizer, Owlv2ForObjectDetection, Owlv2ImageProcessorPil
+def _load(weights: Weights) -> tuple[Any, Processor]:
+    from transformers import Owlv2ForObjectDetection
 
-    image = Owlv2ImageProcessorPil.from_pretrained(weights.folder)
-    tokenizer = AutoTokenizer.from_pretrained(weights.folder)
-    return weights.pretrained(Owlv2ForObjectDetection), _Processor(image=image, tokenizer=tokenizer)
+    return weights.pretrained(Owlv2ForObjectDetection), Processor.load(weights, "Owlv2ImageProcessorPil")
 
 
 def _ask(
-    loaded: Loaded[_Processor], color: npt.NDArray[np.uint8], prompts: Sequence[str]
+    loaded: Loaded[Processor], color: npt.NDArray[np.uint8], prompts: Sequence[str]
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """Scores (boxes, prompts) and boxes (boxes, 4) as centre, width and height in shares of the padded square."""
     pixels = loaded.tensor(loaded.helper.image(color, return_tensors="np")["pixel_values"])

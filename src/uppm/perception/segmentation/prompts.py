@@ -5,11 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from uppm.core.types import Detections, Label, Provenance
+from uppm.perception.models.network import Weights
 
 MAX_WORDS = 24
 """A label is a phrase; what is longer is cut."""
@@ -17,6 +19,24 @@ Tokenize = Callable[[str], list[int]]
 """Word -> token ids, without special tokens."""
 Found = tuple[Label, float, npt.NDArray[np.float32]]
 """Label, score, and box as centre, width and height in shares of the image."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Processor:
+    """What stands before a network that looks and reads: transformers' image processor and tokenizer."""
+
+    image: Any
+    tokenizer: Any
+
+    @classmethod
+    def load(cls, weights: Weights, image: str, **settings: Any) -> Processor:
+        """From a model's folder; `image` names the image processor's class, `settings` are put in place of its own."""
+        import transformers
+
+        return cls(
+            image=getattr(transformers, image).from_pretrained(weights.folder, **settings),
+            tokenizer=transformers.AutoTokenizer.from_pretrained(weights.folder),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
