@@ -70,3 +70,12 @@ def test_without_labels_nothing_is_found() -> None:
 def test_surfaces_are_told_by_their_head_noun() -> None:
     assert all(map(is_surface, ("brick wall", "Floor", "sky", "grass", "carpet")))
     assert not any(map(is_surface, ("wall clock", "floor lamp", "cabinet", "")))
+
+
+def test_a_profile_names_its_back_ends_and_their_models() -> None:
+    full, light = PerceptionConfig(profile="foundation"), PerceptionConfig(profile="foundation-light")
+    assert (full.detector, full.masks_model, full.prompts) == ("grounding_dino", "sam-vit-huge", "separate")
+    assert (light.masks, light.masks_model, light.prompts) == ("sam2", "sam2.1-hiera-tiny", "joint")
+    # Another back end does not get the profile's model of its own.
+    other = PerceptionConfig(profile="foundation", detector="owlv2", masks="sam2", prompts="joint")
+    assert (other.detector_model, other.masks_model, other.prompts) == (None, None, "joint")

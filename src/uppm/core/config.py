@@ -28,6 +28,7 @@ PROFILES: Mapping[str, Mapping[str, str | None]] = {
         "detector_model": "grounding-dino-tiny",
         "masks": "sam2",
         "masks_model": "sam2.1-hiera-tiny",
+        "prompts": "joint",
     },
     "sam3": {"captioner": "tag2text"},
 }
@@ -133,7 +134,7 @@ class PerceptionConfig(Section):
     """Least score of a detection; None: the detector's own (nanodet 0.4, grounding_dino 0.35, owlv2 0.2)."""
     text_score: float = Field(default=0.25, ge=0, le=1)
     """Least score of a phrase's head noun, of detectors that score tokens (grounding_dino)."""
-    prompts: Literal["separate", "joint"] = "separate"
+    prompts: Literal["separate", "joint"] = _of_profile("prompts", "separate")
     """Each label in a text of its own, so that no label's boxes depend on the others, or many in one text, faster."""
     detector_nms_iou: float = Field(default=0.6, ge=0, le=1)
     nms: Literal["custom", "classic", "none"] = "custom"
