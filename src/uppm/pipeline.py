@@ -19,14 +19,15 @@ from uppm.core.config import Config
 from uppm.core.errors import BadFrameError, ConfigError, InputError
 from uppm.core.geometry import invert
 from uppm.core.nulls import NoViewer, Timer
-from uppm.core.protocols import Closable, FrameSource, FrameViewer, Labeler, Progress, Retriever, Segmenter, TextEncoder
+from uppm.core.parallel import run_ahead
+from uppm.core.protocols import FrameSource, FrameViewer, Labeler, Progress, Retriever, Segmenter, TextEncoder
 from uppm.core.types import Checkpoint, Frame, FrameRecord, Mesh, Report, Submap
 from uppm.datasets.registry import open_sequence
 from uppm.fusion.engine import PanopticFusion
 from uppm.map.mesher import MapMesher
 from uppm.map.panoptic_map import PanopticMap
 from uppm.map.store import MapMeta, MapReader, MapWriter, check_free
-from uppm.perception.describe import describe
+from uppm.perception.front_end import FrontEnd, Percept, spread_frames
 from uppm.perception.labels.lemma import lemmatize
 from uppm.perception.registry import create_labeler, create_segmenter
 from uppm.perception.retrieval import create_retriever
@@ -34,10 +35,7 @@ from uppm.perception.retrieval.category import category_vectors
 from uppm.perception.retrieval.embeddings import LabelEmbeddings
 from uppm.perception.segmentation.gravity import estimate_gravity
 
-PREPARE_FRAMES = 12
-"""Frames spread over a sequence that perception may look at before mapping."""
-
-__all__ = ["Mapper", "compare_maps", "map_sequence", "open_map", "open_sequence"]
+__all__ = ["Mapper", "compare_maps", "map_sequence", "open_map", "open_sequence", "spread_frames"]
 
 
 class Mapper:
@@ -68,9 +66,13 @@ class Mapper:
     ) -> None:
         self.config = config or Config()
         self._embeddings = LabelEmbeddings()
-        self._labeler = labeler or create_labeler(self.config.perception)
-        self._segmenter = segmenter or create_segmenter(self.config.perception)
-        self._retriever = retriever or create_retriever(self.config.retrieval, self._embeddings)
+        self.front_end = FrontEnd(
+            self.config.perception,
+            labeler or create_labeler(self.config.perception),
+            segmenter or create_segmenter(self.config.perception),
+            retriever or create_retriever(self.config.retrieval, self._embeddings),
+        )
+        """Perception; it never looks at the map."""
         self._viewer = viewer or NoViewer()
         self._fusion = PanopticFusion(self.config.fusion, category_similarity(self._embeddings))
         self._mesher = MapMesher()
@@ -84,7 +86,7 @@ class Mapper:
 
     def prepare(self, frames: Sequence[Frame]) -> None:
         """Let perception look at a few frames spread over the sequence (for gravity, say); optional."""
-        self._segmenter.prepare(frames)
+        self.front_end.prepare(frames)
         if frames:
             up = estimate_gravity(frames, self.config.perception.up).up
             self.provenance["up"] = " ".join(f"{value:.6f}" for value in up)
@@ -94,19 +96,20 @@ class Mapper:
 
         A frame that perception judges unfit (blurred, say) is counted as skipped and has no submaps.
         """
-        with self._timer("labels"):
-            found = self._labeler.label(frame)  # VLFE++, section 3.2.1
-        self._dropped.update(found.dropped)
-        if found.skip:
-            self._skip(FrameRecord(index=frame.index, stamp=frame.stamp, T_map_camera=None, skipped=found.skip))
+        return self.fuse(frame, self.front_end.perceive(frame))
+
+    def fuse(self, frame: Frame, percept: Percept) -> npt.NDArray[np.int32]:
+        """As `integrate`, of a frame that `front_end` has looked at."""
+        self._dropped.update(percept.dropped)
+        self._timer.add(percept.seconds)
+        if percept.skip:
+            self._skip(FrameRecord(index=frame.index, stamp=frame.stamp, T_map_camera=None, skipped=percept.skip))
             return np.zeros(frame.depth.shape, dtype=np.int32)
-        with self._timer("perception"):
-            segmentation = self._segmenter.segment(frame, found.labels)  # OVPS, section 3.2.3
-        with self._timer("retrieval"):
-            described = describe(segmentation, self._retriever)  # SR, equation 1
         with self._timer("fusion"):
-            submap_ids = self._fusion.fuse(frame, described)  # UPF, equation 4
-        self._dropped.update(segmentation.dropped)
+            if percept.segmentation is None:
+                submap_ids = self._fusion.carry(frame)
+            else:
+                submap_ids = self._fusion.fuse(frame, percept.segmentation)  # UPF, equation 4
         self._integrated += 1
         self._record(FrameRecord(index=frame.index, stamp=frame.stamp, T_map_camera=frame.T_map_camera))
         self._viewer.show(frame, submap_ids)
@@ -153,9 +156,7 @@ class Mapper:
 
     def close(self) -> None:
         """Release the networks that perception holds; the map stays, and another frame would load them again."""
-        for part in (self._labeler, self._segmenter):
-            if isinstance(part, Closable):
-                part.close()
+        self.front_end.close()
 
     @property
     def report(self) -> Report:
@@ -315,9 +316,17 @@ def _check_same(meta: MapMeta, source: FrameSource, path: str | Path) -> None:
 
 def _run(mapper: Mapper, source: FrameSource, first: int, writer: MapWriter, progress: Progress) -> None:
     every, total = mapper.config.map.checkpoint_every, len(source)
-    for position in range(first, total):
+
+    def perceive(position: int) -> tuple[Frame, Percept]:
+        if position % every == 0:
+            # A resumed run begins behind a checkpoint, and must choose the same keyframes.
+            mapper.front_end.restart()
+        frame = source.frame(position)
+        return frame, mapper.front_end.perceive(frame)
+
+    for position, result in run_ahead(perceive, range(first, total), ahead=mapper.config.perception.ahead):
         try:
-            mapper.integrate(source.frame(position))
+            mapper.fuse(*result())
         except BadFrameError as error:
             if mapper.config.input.strict:
                 raise
@@ -332,17 +341,6 @@ def _run(mapper: Mapper, source: FrameSource, first: int, writer: MapWriter, pro
     mapper.finish()
     # The last checkpoint follows `finish`, so that a map with all its frames is a finished one.
     writer.checkpoint(mapper.checkpoint())
-
-
-def spread_frames(source: FrameSource, count: int = PREPARE_FRAMES) -> list[Frame]:
-    """Up to `count` good frames spread evenly over a sequence."""
-    frames: list[Frame] = []
-    for position in np.unique(np.linspace(0, len(source) - 1, count).astype(int)).tolist():
-        try:
-            frames.append(source.frame(position))
-        except BadFrameError:
-            continue
-    return frames
 
 
 def compare_maps(old_path: str | Path, path: str | Path, source: FrameSource, *, align: bool = False) -> PanopticMap:

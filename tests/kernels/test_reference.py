@@ -157,7 +157,7 @@ def test_prepared_depth_agrees(fused: Fused) -> None:
     assert view.tile_max[2, 3] == depth[32:48, 48:64].max()
 
 
-def test_overlap_and_expectation_agree(fused: Fused) -> None:
+def test_overlap_expectation_and_rendering_agree(fused: Fused) -> None:
     frame, ids, _ = fused.frame(EYES[2])
     view = fused.factory.view(frame)
     visible = fused.volume.visible(view, fused.slots)
@@ -166,12 +166,19 @@ def test_overlap_and_expectation_agree(fused: Fused) -> None:
     np.testing.assert_array_equal(pixels, measured[0])
     np.testing.assert_allclose(depth, measured[1] / np.maximum(measured[0], 1))
     expected = fused.volume.expected(view, visible.blocks, fused.slots)
+    distances: list[np.ndarray] = []
     for n, size in enumerate(SIZES):
         T = view.T_camera_map @ fused.poses[n]
         coords, voxels = fused.state(n)
-        counts = reference.count_overlap(coords, voxels, view.depth, RAYS, ids, 1, invert(T), size, 2 * size, 3)
+        distance = reference.surface_distance(coords, voxels, view.depth, RAYS, invert(T), size, 2 * size)
+        counts = np.bincount(ids[np.isfinite(distance)], minlength=4)
+        distances.append(distance)
         assert counts.sum() > 100
         np.testing.assert_allclose(overlap[n], counts, atol=max(5, 0.01 * counts.sum()))
         camera = tuple(map(float, view.camera))
         agree, through = reference.count_expected(coords, voxels, view.depth, camera, T, size, 2 * size)
         np.testing.assert_allclose(expected[n], (agree, through), atol=max(4, 0.02 * agree))
+    nearest = np.where(np.isfinite(distances).any(axis=0), np.argmin(distances, axis=0) + 1, 0)
+    rendered = fused.volume.rendered(view, visible, fused.slots)
+    assert (rendered == nearest).mean() > 0.995
+    assert set(np.unique(rendered)) == {0, 1, 2, 3}

@@ -116,6 +116,60 @@ def count_overlap(
                     )  # fmt: skip
 
 
+@nb.njit(cache=True)
+def nearest_hits(
+    slot, row, count, blocks, inside, keys, values, chunk_blocks, limit, scale, distance, weight, belonging, best, rows
+):  # fmt: skip
+    """Give the points (N,) on a submap's surface its row where no other surface is nearer; best (N,): metres."""
+    xs, ys, zs = blocks[0], blocks[1], blocks[2]
+    for n in range(count):
+        block = find_block(keys, values, chunk_blocks, slot, xs[n], ys[n], zs[n])
+        if block == NONE:
+            continue
+        b, at = np.uint64(block), np.uint32(inside[n])
+        off, mine = abs(np.int32(distance[b, at])), belonging[b, at, 0]
+        owned = weight[b, at] > np.float32(0.0) and mine > 0 and mine >= belonging[b, at, 1]
+        if owned and off <= limit and off * scale < best[n]:
+            best[n], rows[n] = off * scale, row
+
+
+@nb.njit(cache=True, parallel=True)
+def render_rows(
+    tile_slots, tile_count, rows, depth, ray_x, ray_y, numbers, keys, values, chunk_blocks,
+    rotations, translations, voxel_sizes, truncations, distance, weight, belonging, out,
+):  # fmt: skip
+    """Render the submaps by row: at each pixel the one whose surface is nearest to the measured point.
+
+    As `count_overlap`, at every pixel. numbers (H, W) int32: each pixel's place in the flattened image. out (H * W,)
+    int32: set to rows[slot] + 1 where a submap is rendered, else left as it is.
+    """
+    distances, weights = distance.reshape((-1, VOXELS)), weight.reshape((-1, VOXELS))
+    owners = belonging.reshape((-1, VOXELS, 2))
+    for part in nb.prange(PARTS):
+        points, pixels = np.empty((3, TILE * TILE), dtype=np.float32), np.empty(TILE * TILE, dtype=np.int32)
+        blocks, inside = np.empty((3, TILE * TILE), dtype=np.int32), np.empty(TILE * TILE, dtype=np.int32)
+        best, found = np.empty(TILE * TILE, dtype=np.float32), np.empty(TILE * TILE, dtype=np.int32)
+        for ty in range(part, tile_count.shape[0], PARTS):
+            for tx in range(tile_count.shape[1]):
+                n = tile_points(ty * TILE, tx * TILE, depth, ray_x, ray_y, numbers, 1, points, pixels)
+                best[:n] = np.float32(np.inf)
+                found[:n] = NONE
+                for c in range(tile_count[ty, tx]):
+                    slot = tile_slots[ty, tx, c]
+                    if rows[slot] == NONE:
+                        continue
+                    inv_size = np.float32(1.0) / voxel_sizes[slot]
+                    limit = np.int32(FULL * voxel_sizes[slot] / truncations[slot])
+                    voxels_of(points, n, rotations[slot], translations[slot], inv_size, blocks, inside)
+                    nearest_hits(
+                        slot, rows[slot], n, blocks, inside, keys, values, chunk_blocks, limit,
+                        truncations[slot] / FULL, distances, weights, owners, best, found,
+                    )  # fmt: skip
+                for m in range(n):
+                    if found[m] != NONE:
+                        out[pixels[m]] = found[m] + 1
+
+
 @nb.njit(cache=True, parallel=True)
 def count_expected(
     blocks, rows, depth, camera, rotations, translations, voxel_sizes, truncations,

@@ -160,24 +160,20 @@ def on_surface(voxels: dict[str, Array], limit: float) -> Array:
     return (voxels["weight"] > 0) & near & belongs
 
 
-def count_overlap(
-    coords: Array, voxels: dict[str, Array], depth: Array, rays: Array, ids: Array, stride: int,
-    T_submap_camera: Array, size: float, band: float, segments: int,
-) -> Array:  # fmt: skip
-    """Pixels (segments + 1,) of each segment id whose measured point lies on one submap's surface."""
+def surface_distance(
+    coords: Array, voxels: dict[str, Array], depth: Array, rays: Array, T_submap_camera: Array, size: float, band: float
+) -> Array:
+    """Distance (H, W), metres, of each measured point from one submap's surface; infinite where it is not on it."""
     surface = on_surface(voxels, FULL * size / band)
     index = {tuple(c): n for n, c in enumerate(coords.tolist())}
-    counts = np.zeros(segments + 1, dtype=np.int64)
-    for v in range(0, depth.shape[0], stride):
-        for u in range(0, depth.shape[1], stride):
-            if depth[v, u] <= 0:
-                continue
-            point = T_submap_camera[:3, :3] @ (rays[v, u] * depth[v, u]) + T_submap_camera[:3, 3]
-            voxel = np.floor(point / size).astype(int)
-            n = index.get(tuple((voxel >> 3).tolist()))
-            if n is not None and surface[(n, *(voxel & 7))]:
-                counts[ids[v, u]] += 1
-    return counts
+    out = np.full(depth.shape, np.inf)
+    for v, u in np.argwhere(depth > 0):
+        point = T_submap_camera[:3, :3] @ (rays[v, u] * depth[v, u]) + T_submap_camera[:3, 3]
+        voxel = np.floor(point / size).astype(int)
+        n = index.get(tuple((voxel >> 3).tolist()))
+        if n is not None and surface[(n, *(voxel & 7))]:
+            out[v, u] = abs(int(voxels["distance"][(n, *(voxel & 7))])) / FULL * band
+    return out
 
 
 def count_expected(

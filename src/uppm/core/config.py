@@ -109,7 +109,19 @@ class PerceptionConfig(Section):
     use_tags: bool = True
     """A captioner's tags become labels too."""
     skip_blurry: bool = True
-    """A frame that its caption calls blurry is skipped."""
+    """A frame that its caption calls blurry is skipped, and so is one below `min_sharpness`."""
+    min_sharpness: float = Field(default=0.0, ge=0)
+    """Share of the sequence's median sharpness below which a frame is blurred; 0: none is."""
+    keyframe: Literal["every", "motion"] = "every"
+    """Frames that perception looks at: all, or those that motion or novelty calls for; the map labels the others."""
+    keyframe_translation: float = Field(default=0.3, ge=0)
+    """Metres from the last keyframe from which a frame is one."""
+    keyframe_rotation: float = Field(default=15.0, ge=0)
+    """Degrees from the last keyframe from which a frame is one."""
+    keyframe_novelty: float = Field(default=0.2, ge=0, le=1)
+    """Share of measured points that the last keyframe did not see from which a frame is one."""
+    ahead: bool = False
+    """Perception of the next frame runs while this one is fused; the map is the same."""
     detector: str = _of_profile("detector", "nanodet")
     """Name in `uppm.perception.registry`."""
     detector_model: str | None = _of_profile("detector_model", None)

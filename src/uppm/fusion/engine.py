@@ -91,6 +91,23 @@ class PanopticFusion:
         self._split(frame, view, tracks, targets, submaps, segmentation.ids)
         return ids
 
+    def carry(self, frame: Frame) -> IdImage:
+        """Fuse a frame between keyframes: its segments are the map's submaps, rendered. Returns what `fuse` does.
+
+        No labels are counted and nothing is missed: the frame brings geometry alone. What the map does not hold yet is
+        unlabeled background, until a keyframe sees it.
+        """
+        numba.set_num_threads(self._threads)
+        view = self._views.view(frame)
+        nothing = np.zeros(view.depth.shape, dtype=np.int32)
+        tracks = self._track(view, DescribedSegmentation(ids=nothing, descriptors=(), is_thing=()))
+        slots = [s.slot for s in tracks.submaps if s.state is not SubmapState.INACTIVE]
+        ids = self._volume.rendered(view, tracks.visible, np.array(slots, dtype=np.int32))
+        self._found_common(frame.index, bool(((ids == 0) & (view.depth > 0)).any()))
+        shown = set((np.unique(ids) - 1).tolist())
+        by_slot = {s.slot: s for s in tracks.submaps}
+        return self._integrate(view, tracks, [by_slot[s] if n in shown else None for n, s in enumerate(slots)], ids)
+
     def _found_common(self, frame: int, unlabeled: bool) -> None:
         """The two submaps that are no segment's: freespace, and the background that no segment covers."""
         if self._all.freespace is None:

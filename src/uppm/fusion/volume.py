@@ -140,6 +140,18 @@ class Volume:
         area, seen = view.stride**2, pixels.sum(axis=0)
         return counts.sum(axis=0, dtype=np.int64) * area, seen * area, total.sum(axis=0) / np.maximum(seen, 1)
 
+    def rendered(self, view: View, visible: Visible, slots: Indices) -> npt.NDArray[np.int32]:
+        """Which of these submaps each pixel shows, (H, W): 0 none, k: slots[k - 1]."""
+        p, (R, t) = self.pool, self._T_camera_submap(view)
+        numbers = np.arange(view.depth.size, dtype=np.int32).reshape(view.depth.shape)
+        out = np.zeros(view.depth.size, dtype=np.int32)
+        _associate.render_rows(
+            visible.tile_slots, visible.tile_count, self._rows(slots), view.depth, view.ray_x, view.ray_y, numbers,
+            p.keys, p.values, p.chunk_blocks, R, t, self._voxel_size, self._truncation,
+            p.distance, p.weight, p.belonging, out,
+        )  # fmt: skip
+        return out.reshape(view.depth.shape)
+
     def to_update(self, visible: Visible, placed: Placed) -> Indices:
         """The visible blocks in which the frame can change a surface, of the placed submaps and of freespace."""
         p, out = self.pool, np.empty(len(visible.blocks), dtype=np.int32)

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib import resources
 from pathlib import Path
+from threading import Lock
 
 import numpy as np
 import numpy.typing as npt
@@ -30,7 +31,7 @@ class LabelEmbeddings:
     """
 
     def __init__(self, encoder: TextEncoder | None = None, known: Mapping[str, Vector] | None = None) -> None:
-        self._encoder = encoder
+        self._encoder, self._lock = encoder, Lock()
         self._vectors: dict[str, Vector] = dict(known or {})
         self._new: dict[str, Vector] = {}
 
@@ -42,14 +43,17 @@ class LabelEmbeddings:
         UppmError
             A text is unknown and the encoder's weights cannot be found.
         """
-        asked = [text for text in dict.fromkeys(texts) if text not in self._vectors]
+        with self._lock:  # perception may run in a thread of its own
+            self._find([text for text in dict.fromkeys(texts) if text not in self._vectors])
+        return np.stack([self._vectors[text] for text in texts]) if texts else np.empty((0, 768), np.float32)
+
+    def _find(self, asked: Sequence[str]) -> None:
         found = {text: shipped_embeddings()[text] for text in asked if text in shipped_embeddings()}
         missing = [text for text in asked if text not in found]
         if missing:
             found.update(zip(missing, self._load().encode(missing), strict=True))
         self._vectors.update(found)
         self._new.update(found)
-        return np.stack([self._vectors[text] for text in texts]) if texts else np.empty((0, 768), np.float32)
 
     def take_new(self) -> dict[str, Vector]:
         """Text -> vector of what was first asked for since the last call, for `Checkpoint.label_embeddings`."""
