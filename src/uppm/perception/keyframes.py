@@ -6,7 +6,7 @@ import numpy as np
 
 from uppm.core.config import PerceptionConfig
 from uppm.core.geometry import backproject, invert, project, rotation_angle, transform
-from uppm.core.types import Frame
+from uppm.core.types import Frame, Intrinsics
 
 STRIDE = 8
 """Pixels between the points that are looked up in the last keyframe."""
@@ -50,8 +50,9 @@ class KeyframePolicy:
 
 def novelty(frame: Frame, last: Frame) -> float:
     """Share of a frame's measured points that an earlier frame did not measure: beside its view, or elsewhere."""
-    measured = frame.depth[::STRIDE, ::STRIDE] > 0
-    points = backproject(frame.depth, frame.intrinsics)[::STRIDE, ::STRIDE][measured]
+    depth = frame.depth[::STRIDE, ::STRIDE]
+    measured = depth > 0
+    points = backproject(depth, _every(STRIDE, frame.intrinsics))[measured]
     if not len(points):
         return 0.0
     points = transform(invert(last.T_map_camera) @ frame.T_map_camera, points)
@@ -61,3 +62,10 @@ def novelty(frame: Frame, last: Frame) -> float:
     expected = points[seen, 2]
     agree = np.abs(last.depth[row[seen], column[seen]] - expected) <= TOLERANCE * expected
     return 1 - float(agree.sum() / measured.sum())
+
+
+def _every(stride: int, k: Intrinsics) -> Intrinsics:
+    """The camera of every stride-th pixel both ways, the first included."""
+    height, width = -(-k.height // stride), -(-k.width // stride)
+    fx, fy, cx, cy = k.fx / stride, k.fy / stride, k.cx / stride, k.cy / stride
+    return Intrinsics(fx=fx, fy=fy, cx=cx, cy=cy, width=width, height=height)
