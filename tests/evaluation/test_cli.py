@@ -23,6 +23,7 @@ KEYS = {
         "f1_5cm",
         "f1_foreground_5cm",
     ),
+    *("method", "aligned", "misalignment_cm", "misalignment_deg", "notes"),
     *("source", "ground_truth", "points_per_m2", "seed", "reconstruction_points", "ground_truth_points"),
 }
 

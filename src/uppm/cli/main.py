@@ -14,7 +14,11 @@ from uppm.cli.check import check
 from uppm.cli.convert import convert_app
 from uppm.cli.demo import demo
 from uppm.cli.evaluate import evaluate_app
+from uppm.cli.evaluate_aggregate import evaluate_aggregate_command
+from uppm.cli.evaluate_query import evaluate_query_command
 from uppm.cli.evaluate_retrieval import evaluate_retrieval_command
+from uppm.cli.evaluate_segmentation import evaluate_segmentation_command
+from uppm.cli.evaluate_sequence import evaluate_sequence_command
 from uppm.cli.export import export
 from uppm.cli.info import info
 from uppm.cli.map import map_command
@@ -23,7 +27,11 @@ from uppm.cli.query import query
 from uppm.core.errors import UppmError
 
 bench_app.command("ablation")(bench_ablation_command)
+evaluate_app.command("sequence")(evaluate_sequence_command)
+evaluate_app.command("segmentation")(evaluate_segmentation_command)
+evaluate_app.command("query")(evaluate_query_command)
 evaluate_app.command("retrieval")(evaluate_retrieval_command)
+evaluate_app.command("aggregate")(evaluate_aggregate_command)
 app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False, add_completion=False)
 app.command("map")(map_command)
 app.command()(check)

@@ -67,8 +67,8 @@ def nearest_points(reconstruction: Points, truth: Points) -> NearestPoints:
     for name, points in (("reconstruction", reconstruction), ("ground truth", truth)):
         if not len(points):
             raise InputError(name, expected="points on a surface", found="none", advice="check what it was made from")
-    to_truth, i = _nearest(reconstruction, truth)
-    to_reconstruction, j = _nearest(truth, reconstruction)
+    to_truth, i = nearest(reconstruction, truth)
+    to_reconstruction, j = nearest(truth, reconstruction)
     return NearestPoints(to_truth=to_truth, truth=i, to_reconstruction=to_reconstruction, reconstruction=j)
 
 
@@ -119,7 +119,7 @@ def _foreground_f1(nearest: NearestPoints, foreground: npt.NDArray[np.bool_]) ->
     return f1(precision, share_within(nearest.to_reconstruction[foreground]))
 
 
-def _nearest(queries: Points, points: Points) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.intp]]:
+def nearest(queries: Points, points: Points) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.intp]]:
     """Distance and index of the nearest of `points` for each query."""
     # Neighbours asked for one after the other find the tree's nodes in the cache: three times as fast.
     order = np.lexsort(np.floor(queries / CELL).T)

@@ -1,25 +1,25 @@
-"""Ground truth of a sequence in the `frames` layout: `surface.npz` and `labels.csv`."""
+"""Ground truth: the surface that the cameras saw, and the instances on it. One reader a format in `truth/`."""
 
 from __future__ import annotations
 
-import csv
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from uppm.core.categories import category_by_name
 from uppm.core.errors import InputError
 
-COLUMNS = ("instance", "name", "thing", "categories", "pixels")
+UNKNOWN = 0
+"""Instance of points of which nothing is known but that they are surface."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TruthInstance:
-    """One row of `labels.csv`."""
+    """One instance, or one stretch of background."""
 
     id: int
     name: str
@@ -27,20 +27,24 @@ class TruthInstance:
     """A countable object; the others are floors, walls and ceilings."""
     categories: tuple[str, ...]
     """Unified categories that are right for it; the first is the class that it is counted under."""
-    pixels: int
-    """Pixels of all frames that show it."""
+    pixels: int | None
+    """Pixels of all frames that show it; None where nobody counted: it then counts as seen."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SurfaceTruth:
-    """G of the metrics: M points that the cameras saw within range, each of one instance."""
+    """G of the metrics: M points, each of one instance."""
 
     source: str
     points: npt.NDArray[np.float64]
     """(M, 3), metres, frame map."""
     instance: npt.NDArray[np.int32]
-    """(M,): key of `instances`."""
+    """(M,): key of `instances`, or 0: unknown."""
     instances: Mapping[int, TruthInstance]
+    is_observed: bool = True
+    """Only what the cameras saw within range is in it; otherwise it is a whole scan (`observed.observe`)."""
+    unmapped: tuple[str, ...] = ()
+    """Labels without a unified category, whose instances are unknown."""
 
     @property
     def foreground(self) -> npt.NDArray[np.bool_]:
@@ -56,67 +60,54 @@ class SurfaceTruth:
         return frozenset(i.categories[0] for i in self.instances.values()) - seen
 
 
-def load_surface_truth(sequence: Path) -> SurfaceTruth:
-    """Read a sequence's ground truth; raises `InputError` naming the file at fault."""
-    if not sequence.is_dir():
-        advice = "give a sequence in the `frames` layout"
-        raise InputError(sequence, expected="a folder", found=_kind(sequence), advice=advice)
-    points, instance = _read_surface(sequence / "surface.npz")
-    instances = _read_labels(sequence / "labels.csv")
-    unknown = np.setdiff1d(instance, list(instances))
-    if len(unknown):
-        found = f"surface points of instance {unknown[0]}, which it lacks"
-        raise InputError(sequence / "labels.csv", expected="every instance", found=found, advice="add its row")
-    return SurfaceTruth(source=str(sequence), points=points, instance=instance, instances=instances)
+class TruthReader(Protocol):
+    """What a module of `truth/` offers."""
+
+    LOOKS_FOR: str
+    """For messages."""
+
+    @staticmethod
+    def matches(path: Path) -> bool:
+        """Whether the folder has this format's marks; reads no file."""
+        ...
+
+    @staticmethod
+    def read(path: Path) -> SurfaceTruth:
+        """Its surface and instances; raises `InputError` naming the file at fault."""
+        ...
+
+    @staticmethod
+    def instances(path: Path) -> Mapping[int, TruthInstance]:
+        """The instances alone, by the ids of the frames' instance images."""
+        ...
 
 
-def _read_surface(file: Path) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int32]]:
-    expected = "arrays xyz_mm (N, 3) int16 and instance (N,) uint16"
-    advice = "only a sequence with ground truth can be compared with"
-    try:
-        with file.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
-            xyz, instance = arrays["xyz_mm"], arrays["instance"]
-    except FileNotFoundError:
-        raise InputError(file, expected=expected, found="no such file", advice=advice) from None
-    except (OSError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
-        raise InputError(file, expected=expected, found=str(error).splitlines()[0], advice=advice) from None
-    if xyz.ndim != 2 or xyz.shape[1] != 3 or instance.shape != xyz.shape[:1] or not len(xyz):
-        found = f"shapes {xyz.shape} and {instance.shape}"
-        raise InputError(file, expected=expected, found=found, advice=advice)
-    if not (np.issubdtype(xyz.dtype, np.integer) and np.issubdtype(instance.dtype, np.integer)):
-        raise InputError(file, expected=expected, found=f"{xyz.dtype} and {instance.dtype}", advice="save integers")
-    return xyz / 1000.0, instance.astype(np.int32)
+READERS = ("frames", "scannet", "three_rscan", "panmap_flat", "replica")
+"""Modules of `uppm.evaluation.truth`, asked in this order."""
 
 
-def _read_labels(file: Path) -> dict[int, TruthInstance]:
-    try:
-        with file.open(encoding="utf-8", newline="") as text:
-            reader = csv.DictReader(text)
-            missing = [column for column in COLUMNS if column not in (reader.fieldnames or ())]
-            if missing:
-                found = f"no column {missing[0]!r}"
-                raise InputError(file, expected=f"columns {', '.join(COLUMNS)}", found=found, advice="add it")
-            instances = [_instance(row, file, reader.line_num) for row in reader]
-    except (OSError, UnicodeDecodeError) as error:
-        found = "no such file" if isinstance(error, FileNotFoundError) else str(error)
-        raise InputError(file, expected="a table of instances", found=found, advice="restore it") from None
-    return {instance.id: instance for instance in instances}
+def load_surface_truth(path: Path) -> SurfaceTruth:
+    """Read the ground truth of a sequence or scan; raises `InputError` naming the file at fault."""
+    return _reader(path).read(path)
 
 
-def _instance(row: Mapping[str, str], file: Path, line: int) -> TruthInstance:
-    categories = tuple(row["categories"].split("|")) if row["categories"] else ()
-    unknown = [name for name in categories if name not in category_by_name()]
-    try:
-        number, thing, pixels = int(row["instance"]), int(row["thing"]), int(row["pixels"])
-    except (TypeError, ValueError):
-        found = f"instance {row['instance']!r}, thing {row['thing']!r}, pixels {row['pixels']!r}"
-        raise InputError(f"{file}, line {line}", expected="whole numbers", found=found, advice="correct them") from None
-    if unknown or not categories:
-        found = repr(unknown[0]) if unknown else "none"
-        advice = "write it as COCO-Stuff does (docs/retrieval.md)"
-        raise InputError(f"{file}, line {line}", expected="unified categories", found=found, advice=advice)
-    return TruthInstance(id=number, name=row["name"], is_thing=thing == 1, categories=categories, pixels=pixels)
+def load_instances(path: Path) -> Mapping[int, TruthInstance]:
+    """Read the instances alone, as the frames' instance images number them."""
+    return _reader(path).instances(path)
 
 
-def _kind(path: Path) -> str:
-    return "a file" if path.exists() else "no such folder"
+def _reader(path: Path) -> TruthReader:
+    if not path.is_dir():
+        found = "a file" if path.exists() else "no such folder"
+        advice = "give a sequence or scan with ground truth (docs/evaluation.md)"
+        raise InputError(path, expected="a folder", found=found, advice=advice)
+    readers = [import_module(f"uppm.evaluation.truth.{name}") for name in READERS]
+    for reader in readers:
+        if reader.matches(path):
+            return reader  # pyright: ignore[reportReturnType]
+    # The layout to convert to says best what it misses.
+    if (path / "color").is_dir() or (path / "labels.csv").exists():
+        return readers[0]  # pyright: ignore[reportReturnType]
+    formats = "; ".join(reader.LOOKS_FOR for reader in readers)
+    advice = "only a sequence with ground truth can be compared with (docs/evaluation.md)"
+    raise InputError(path, expected=f"ground truth: {formats}", found="none of these", advice=advice)

@@ -10,13 +10,14 @@ import numpy.typing as npt
 
 from uppm.core.errors import InputError
 from uppm.evaluation.geometry import THRESHOLD, NearestPoints
-from uppm.evaluation.ground_truth import SurfaceTruth
+from uppm.evaluation.ground_truth import UNKNOWN, SurfaceTruth, TruthInstance
 from uppm.evaluation.sampling import SurfacePart, SurfaceSamples
 
 MIN_PIXELS = 2000
 """An instance counts as visible from so many pixels on."""
 MAIN_SHARE = 0.5
 """A submap belongs to an instance that holds more than this share of its surface."""
+_NOT_KNOWN = -1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,8 +65,12 @@ class InstanceMetrics:
 def main_instances(
     samples: SurfaceSamples, nearest: NearestPoints, truth: SurfaceTruth, threshold: float = THRESHOLD
 ) -> dict[int, int]:
-    """Submap id -> the instance that more than half of its points lie on (nearest point of G within 5 cm), or 0."""
-    instance = np.where(nearest.to_truth <= threshold, truth.instance[nearest.truth], 0)
+    """Submap id -> the instance that more than half of its points lie on (nearest point of G within 5 cm), or 0.
+
+    -1: it lies mainly on surface whose instance is unknown, so that nothing can be said of it.
+    """
+    on = np.where(truth.instance == UNKNOWN, _NOT_KNOWN, truth.instance)[nearest.truth]
+    instance = np.where(nearest.to_truth <= threshold, on, 0)
     parts, part = np.unique(samples.part, return_inverse=True)
     instances, column = np.unique(instance, return_inverse=True)
     counts = np.zeros((len(parts), len(instances)), dtype=np.int64)
@@ -99,10 +104,15 @@ def instance_metrics(
     matches = tuple(
         _match(truth, number, [p for p, owner in main.items() if owner == number], by_id, claimed)
         for number in sorted(present)
-        if truth.instances[number].pixels >= min_pixels
+        if is_visible(truth.instances.get(number), min_pixels)
     )
     objects = sum(by_id[p].is_object for p in main)
     return _summary(matches, objects=objects, unmatched=sum(owner == 0 for owner in main.values()))
+
+
+def is_visible(instance: TruthInstance | None, min_pixels: int) -> bool:
+    """Known, and shown by enough pixels as far as anybody counted."""
+    return instance is not None and (instance.pixels is None or instance.pixels >= min_pixels)
 
 
 def _match(

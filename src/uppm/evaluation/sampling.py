@@ -47,13 +47,20 @@ def sample_surface(mesh: Mesh, points_per_m2: float = 10_000, seed: int | Sequen
     """
     if not len(mesh.faces):
         return mesh.vertices.astype(np.float64)
+    return sample_with_faces(mesh, points_per_m2, seed)[0]
+
+
+def sample_with_faces(
+    mesh: Mesh, points_per_m2: float, seed: int | Sequence[int]
+) -> tuple[Points, npt.NDArray[np.intp]]:
+    """As `sample_surface`, of a mesh with faces, and the face (N,) that each point is on."""
     a, b, c = np.moveaxis(mesh.vertices.astype(np.float64)[mesh.faces], 1, 0)
     ends = np.cumsum(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
     random = np.random.default_rng(seed)
     count = round(ends[-1] * points_per_m2)
     face = np.searchsorted(ends, random.random(count) * ends[-1], side="right")
     root, v = np.sqrt(random.random((count, 1))), random.random((count, 1))
-    return (1 - root) * a[face] + root * (1 - v) * b[face] + root * v * c[face]
+    return (1 - root) * a[face] + root * (1 - v) * b[face] + root * v * c[face], face
 
 
 def sample_parts(

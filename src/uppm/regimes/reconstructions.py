@@ -1,4 +1,4 @@
-"""The regimes of the evaluation, composed of the stages (paper section 4, docs/evaluation.md)."""
+"""What is to be measured: a map file, or a mesh of any system."""
 
 from __future__ import annotations
 

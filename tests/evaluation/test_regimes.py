@@ -1,0 +1,164 @@
+"""The regimes through the program, on the rendered room of the reader tests."""
+
+from __future__ import annotations
+
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+from typer.testing import CliRunner, Result
+
+import uppm
+from tests.cli.room import write_room
+from uppm.cli.main import app
+from uppm.core.errors import ConfigError, InputError
+from uppm.evaluation.ground_truth import load_surface_truth
+from uppm.perception.fakes import fake_frame
+from uppm.regimes.sequence import IdentityTracks
+
+FRAMES = 4
+QUICK = ("--points-per-m2", "400", "--min-pixels", "50", "--set", f"input.max_frames={FRAMES}")
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_room(tmp_path_factory.mktemp("room") / "room", count=FRAMES)
+
+
+@pytest.fixture(scope="module")
+def map_file(room: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("map") / "room.uppm"
+    config = uppm.Config.load(None, ["perception.profile=groundtruth"])
+    uppm.map_sequence(uppm.open_sequence(room, config.input), path, config)
+    return path
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(app, ["evaluate", *map(str, arguments)])
+
+
+def results(*arguments: object) -> list[dict]:
+    found = run(*arguments, "--json")
+    assert found.exit_code == 0, found.output
+    listed = json.loads(found.stdout)
+    return listed if isinstance(listed, list) else [listed]
+
+
+@pytest.fixture(scope="module")
+def measured(room: Path) -> list[dict]:
+    """Both front ends, mapped and measured."""
+    return results("sequence", room, "--perception", "groundtruth,embedded", *QUICK)
+
+
+def test_sequence(measured: list[dict]) -> None:
+    truth, small = measured
+    assert [truth["method"], small["method"]] == ["groundtruth", "embedded"]
+    assert truth["frames"] == FRAMES
+    assert truth["frames_per_second"] > 0
+    assert truth["seconds"]["fusion"] > 0
+    assert truth["id_switches"] == 0
+    assert truth["completion_ratio_5cm"] > 0.8
+    assert truth["pq_3d"] > (small["pq_3d"] or 0)
+    assert truth["category_accuracy"] == 1
+
+
+def test_a_second_run_gives_the_same_figures(room: Path, measured: list[dict]) -> None:
+    again = results("sequence", room, "--perception", "groundtruth", *QUICK)[0]
+    differing = ("frames_per_second", "seconds", "source")
+    assert {k: v for k, v in again.items() if k not in differing} == {
+        k: v for k, v in measured[0].items() if k not in differing
+    }
+
+
+def test_segmentation(room: Path) -> None:
+    truth, small = results("segmentation", room, "--perception", "groundtruth,embedded")
+    # What the sequence itself says of its frames is right, pixel for pixel.
+    assert (truth["pq"], truth["rq"], truth["sq"], truth["miou"], truth["map_50"]) == (1, 1, 1, 1, 1)
+    assert truth["frames"] == FRAMES
+    assert small["pq"] < 1
+    assert {"pq_things", "pq_stuff", "map_30", "map_40", "frames_per_second"} <= set(small)
+
+
+def test_query(room: Path, map_file: Path, tmp_path: Path) -> None:
+    prompts = tmp_path / "prompts.tsv"
+    prompts.write_text("prompt\tobjects\nball\tsports ball\nsoccer ball\tsports ball\norange\torange\nbicycle\t\n")
+    by_category = results("query", map_file, "--prompts", prompts)[0]
+    assert (by_category["prompts_present"], by_category["prompts_absent"]) == (3, 1)
+    assert by_category["query_top1"] == 1
+    assert by_category["query_auroc_absent"] == 1
+    by_instance = results("query", map_file, "--prompts", prompts, "--ground-truth", room)[0]
+    assert by_instance["query_recall"] == 1
+    assert [answer["prompt"] for answer in by_instance["answers"]] == ["ball", "soccer ball", "orange", "bicycle"]
+
+
+def test_unknown_front_end_before_anything_runs(room: Path) -> None:
+    for regime in ("sequence", "segmentation"):
+        assert isinstance(run(regime, room, "--perception", "groundtruth,nonsense").exception, ConfigError)
+        assert isinstance(run(regime, room, "--perception", ",").exception, InputError)
+
+
+def test_frames_without_instances(room: Path, tmp_path: Path) -> None:
+    bare = write_room(tmp_path / "bare", count=1)
+    for file in (bare / "instance").iterdir():
+        file.unlink()
+    (bare / "instance").rmdir()
+    failed = run("segmentation", bare, "--perception", "embedded").exception
+    assert "expected frames with ground truth, found none" in str(failed)
+
+
+class Images(HTMLParser):
+    """What a page loads."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.sources: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.sources += [value or "" for name, value in attrs if name in ("src", "href")]
+
+
+def test_report(room: Path, map_file: Path, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib", reason="needs `pip install uppm[eval]`")
+    mesh = uppm.open_map(map_file).mesh()
+    trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(tmp_path / "room.ply")
+    out = tmp_path / "report"
+    arguments = ("map", map_file, tmp_path / "room.ply", "--ground-truth", room, "--points-per-m2", "400", "-o", out)
+    shown = run(*arguments)
+    assert shown.exit_code == 0, shown.output
+    names = {"report.html", "report.json", "room_distance.png", "room_missed.png", "room_instances.png"}
+    assert {file.name for file in out.iterdir()} == names | {"room_2_distance.png", "room_2_missed.png"}
+    first = {file.name: file.read_bytes() for file in out.iterdir()}
+    page = Images()
+    page.feed(first["report.html"].decode())
+    assert len(page.sources) == 2 + 5
+    assert all(source.startswith("data:image/") for source in page.sources)
+    assert re.search(r"https?://(?!www\.w3\.org)", first["report.html"].decode()) is None
+    listed = json.loads(first["report.json"])
+    assert [r["method"] for r in listed["results"]] == ["room", "room_2"]
+    assert run(*arguments).exit_code == 0
+    assert {file.name: file.read_bytes() for file in out.iterdir()} == first
+    image = cv2.imread(str(out / "room_distance.png"))
+    assert image is not None
+    assert image.shape == (750, 1200, 3)
+
+
+def test_report_folder(room: Path, map_file: Path, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib", reason="needs `pip install uppm[eval]`")
+    (tmp_path / "file").write_text("")
+    for folder, said in ((tmp_path / "file", "found a file"), (tmp_path / "no" / "way", "found nothing there")):
+        assert said in str(run("map", map_file, "--ground-truth", room, "-o", folder).exception)
+
+
+def test_only_frames_with_ground_truth_tell_identities() -> None:
+    tracks = IdentityTracks()
+    tracks.show(fake_frame(), np.ones((48, 64), dtype=np.int32))
+    assert tracks.frames == []
+
+
+def test_pixels_are_those_of_the_labels(room: Path) -> None:
+    assert all(i.pixels for i in load_surface_truth(room).instances.values())
