@@ -80,7 +80,7 @@ def test_several_in_one_table(tmp_path: Path, sequence: Path) -> None:
     listed = json.loads(run(*meshes, "--ground-truth", sequence, "--json").stdout)
     assert [Path(entry["source"]).name for entry in listed] == ["plane.ply", "other.glb"]
     table = run(*meshes, "--ground-truth", sequence).stdout
-    assert all(word in table for word in ("plane.ply", "other.glb", "accuracy_cm", "0.962"))
+    assert all(word in table for word in ("plane", "other", "accuracy_cm", "0.962"))
 
 
 def test_point_clouds_count_as_they_are(tmp_path: Path, sequence: Path) -> None:

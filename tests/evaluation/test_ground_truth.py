@@ -45,7 +45,7 @@ def test_bad_labels(tmp_path: Path, labels: str, message: str) -> None:
 def test_missing_files(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="expected a folder, found no such folder"):
         load_surface_truth(tmp_path / "nowhere")
-    with pytest.raises(InputError, match=r"surface\.npz: expected arrays .* found no such file"):
+    with pytest.raises(InputError, match=r"expected ground truth: surface\.npz .* found none of these"):
         load_surface_truth(tmp_path)
     write_truth(tmp_path, {1: grid(0, 0, 0)})
     (tmp_path / "labels.csv").unlink()

@@ -60,7 +60,7 @@ def unique_names(paths: Iterable[Path]) -> list[str]:
     return names
 
 
-def front_ends(names: str, config: Path | None, overrides: list[str]) -> dict[str, Config]:
+def front_ends(names: str, config: str | None, overrides: list[str]) -> dict[str, Config]:
     """Front end -> the configuration that differs in it alone; raises `ConfigError` for an unknown name."""
     from uppm.core.config import Config
     from uppm.core.errors import InputError

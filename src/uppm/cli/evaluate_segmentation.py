@@ -12,7 +12,7 @@ def evaluate_segmentation_command(
     sequence: Annotated[Path, typer.Argument(readable=False, help="Sequence with instance images.")],
     perception: Annotated[str, typer.Option(metavar="A,B,...", help="Front ends, with commas between.")],
     output: Annotated[Path | None, typer.Option("--output", "-o", metavar="DIR", help="Write a report there.")] = None,
-    config: Annotated[Path | None, typer.Option(help="YAML file of settings.")] = None,
+    config: Annotated[str | None, typer.Option(help="YAML file of settings, or a preset.")] = None,
     set_: Annotated[list[str] | None, typer.Option("--set", help="One setting, as perception.masks=box.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON: one object, or a list for several.")] = False,
 ) -> None:

@@ -15,7 +15,7 @@ def evaluate_sequence_command(
     perception: Annotated[str, typer.Option(metavar="A,B,...", help="Front ends, with commas between.")],
     ground_truth: Annotated[Path | None, typer.Option(help="Where that is; else in the sequence.")] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", metavar="DIR", help="Write a report there.")] = None,
-    config: Annotated[Path | None, typer.Option(help="YAML file of settings.")] = None,
+    config: Annotated[str | None, typer.Option(help="YAML file of settings, or a preset.")] = None,
     set_: Annotated[list[str] | None, typer.Option("--set", help="One setting, as fusion.truncation=3.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON: one object, or a list for several.")] = False,
     points_per_m2: Annotated[float, typer.Option(min=1, help="Sampling density of the maps.")] = 10_000,
