@@ -14,6 +14,7 @@ from uppm.evaluation.checks import check_comparable
 from uppm.evaluation.geometry import GeometricMetrics, NearestPoints, geometric_metrics, nearest_points
 from uppm.evaluation.ground_truth import UNKNOWN, SurfaceTruth
 from uppm.evaluation.instances import MIN_PIXELS, InstanceMetrics, instance_metrics
+from uppm.evaluation.normals import accuracy_along_normal
 from uppm.evaluation.panmap_metrics import PanmapMetrics, TsdfLayer, panmap_metrics
 from uppm.evaluation.sampling import SurfacePart, SurfaceSamples, sample_parts
 from uppm.evaluation.surface_panoptic import SurfacePanopticMetrics, surface_overlaps, surface_panoptic_metrics
@@ -76,6 +77,7 @@ class MapEvaluation:
     misalignment_deg: float | None
     notes: tuple[str, ...]
     """What a reader of the figures must know."""
+    accuracy_along_normal_cm: float
     geometry: GeometricMetrics
     instances: InstanceMetrics | None
     """None for a mesh whose submaps are not told apart."""
@@ -158,6 +160,7 @@ def measure(comparison: Comparison, min_pixels: int = MIN_PIXELS) -> MapEvaluati
         misalignment_cm=off.shift_cm if off else None,
         misalignment_deg=off.rotation_deg if off else None,
         notes=tuple(_notes(c)),
+        accuracy_along_normal_cm=accuracy_along_normal(c.samples.points, c.truth.points, c.nearest, c.seed),
         geometry=geometric_metrics(c.nearest, c.truth.foreground),
         instances=instances,
         panoptic=panoptic,
