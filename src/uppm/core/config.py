@@ -122,6 +122,9 @@ class PerceptionConfig(Section):
     """Share of measured points that the last keyframe did not see from which a frame is one."""
     ahead: bool = False
     """Perception of the next frame runs while this one is fused; the map is the same."""
+    """A frame that its caption calls blurry is skipped."""
+    caption_beams: int = Field(default=3, ge=1)
+    """Of the search for the best caption; 1: greedy."""
     detector: str = _of_profile("detector", "nanodet")
     """Name in `uppm.perception.registry`."""
     detector_model: str | None = _of_profile("detector_model", None)

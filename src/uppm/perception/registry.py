@@ -17,6 +17,7 @@ from uppm.core.errors import ConfigError
 from uppm.core.protocols import Detector, Labeler, MaskGenerator, Segmenter, VisualEncoder
 from uppm.perception.featured import WithFeatures
 from uppm.perception.labels.caption import CaptionLabeler
+from uppm.perception.models.network import TORCH, missing_torch
 from uppm.perception.models.table import MODELS, model_spec
 
 SEGMENTERS = {
@@ -29,6 +30,7 @@ SEGMENTERS = {
     "precomputed": "uppm.perception.segmentation.precomputed:PrecomputedSegmenter",
     "sam3": "uppm.perception.segmentation.sam3:Sam3",
 }
+<<<<<<< HEAD
 CAPTIONERS = {"none": "uppm.core.nulls:NoCaptioner"}
 DETECTORS = {
     "grounding_dino": "uppm.perception.segmentation.grounding_dino:GroundingDino",
@@ -36,6 +38,13 @@ DETECTORS = {
     "nanodet": "uppm.perception.segmentation.nanodet:NanoDet",
     "owlv2": "uppm.perception.segmentation.owlv2:Owlv2",
 }
+=======
+CAPTIONERS = {
+    "none": "uppm.core.nulls:NoCaptioner",
+    "tag2text": "uppm.perception.captioners.tag2text:Tag2Text",
+}
+DETECTORS = {"nanodet": "uppm.perception.segmentation.nanodet:NanoDet"}
+>>>>>>> 5ab7ae8 (Write captions and tags with Tag2Text, equal to its own code on the same weights)
 MASK_GENERATORS = {
     "geometric": "uppm.perception.segmentation.geometric_masks:GeometricMasks",
     "box": "uppm.perception.segmentation.geometric_masks:BoxMasks",
@@ -116,4 +125,10 @@ def _create(setting: str, name: str, table: Mapping[str, str], group: str, confi
         names = ", ".join(sorted(known))
         raise ConfigError(setting, expected=f"one of {names}", found=repr(name), advice="correct the name")
     module, _, attribute = known[name].partition(":")
-    return getattr(import_module(module), attribute)(config)
+    try:
+        back_end = getattr(import_module(module), attribute)
+    except ImportError as error:
+        if error.name not in TORCH:
+            raise
+        raise missing_torch(error) from None
+    return back_end(config)

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     import torch
 
 COMMAND = "pip install 'uppm[foundation]' (or `pip install -r requirements/foundation.txt`; Python 3.11 or newer)"
+TORCH = ("torch", "transformers")
+"""Modules of the extra `foundation`."""
 T = TypeVar("T")
 H = TypeVar("H")
 """What a back end needs beside its network."""
@@ -32,8 +34,13 @@ def import_torch() -> Any:
         import torch
         import transformers  # noqa: F401
     except ImportError as error:
-        raise MissingExtraError(f"{error.name or 'torch'} (extra `foundation`)", COMMAND) from None
+        raise missing_torch(error) from None
     return torch
+
+
+def missing_torch(error: ImportError) -> MissingExtraError:
+    """What to say where torch or transformers is not installed."""
+    return MissingExtraError(f"{error.name or 'torch'} (extra `foundation`)", COMMAND)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,8 +82,8 @@ class Weights:
         self._refuse(missing=info["missing_keys"], mismatched=[key for key, *_ in info.get("mismatched_keys", ())])
         return model
 
-    def load_strictly(self, module: torch.nn.Module, state: dict[str, torch.Tensor]) -> None:
-        """Put tensors into a module that must have exactly these names and shapes; raises InputError with the keys."""
+    def check_keys(self, module: torch.nn.Module, state: dict[str, torch.Tensor]) -> None:
+        """Raise InputError with the keys unless tensors have exactly a module's names and shapes."""
         own = module.state_dict()
         shared = own.keys() & state.keys()
         self._refuse(
@@ -84,7 +91,6 @@ class Weights:
             unexpected=state.keys() - own.keys(),
             mismatched=[key for key in shared if own[key].shape != state[key].shape],
         )
-        module.load_state_dict(state, strict=True)
 
     def _refuse(self, **wrong: Any) -> None:
         said = [f"{len(keys)} {what} ({', '.join(sorted(keys)[:3])})" for what, keys in wrong.items() if keys]
