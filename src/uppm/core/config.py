@@ -122,9 +122,10 @@ class PerceptionConfig(Section):
     """Share of measured points that the last keyframe did not see from which a frame is one."""
     ahead: bool = False
     """Perception of the next frame runs while this one is fused; the map is the same."""
-    """A frame that its caption calls blurry is skipped."""
     caption_beams: int = Field(default=3, ge=1)
     """Of the search for the best caption; 1: greedy."""
+    tag_list: Path | None = None
+    """Tags of one's own for ram_plus, with their descriptions; None: its own list."""
     detector: str = _of_profile("detector", "nanodet")
     """Name in `uppm.perception.registry`."""
     detector_model: str | None = _of_profile("detector_model", None)

@@ -30,21 +30,17 @@ SEGMENTERS = {
     "precomputed": "uppm.perception.segmentation.precomputed:PrecomputedSegmenter",
     "sam3": "uppm.perception.segmentation.sam3:Sam3",
 }
-<<<<<<< HEAD
-CAPTIONERS = {"none": "uppm.core.nulls:NoCaptioner"}
+CAPTIONERS = {
+    "none": "uppm.core.nulls:NoCaptioner",
+    "ram_plus": "uppm.perception.captioners.ram_plus:RamPlus",
+    "tag2text": "uppm.perception.captioners.tag2text:Tag2Text",
+}
 DETECTORS = {
     "grounding_dino": "uppm.perception.segmentation.grounding_dino:GroundingDino",
     "mm_grounding_dino": "uppm.perception.segmentation.grounding_dino:MMGroundingDino",
     "nanodet": "uppm.perception.segmentation.nanodet:NanoDet",
     "owlv2": "uppm.perception.segmentation.owlv2:Owlv2",
 }
-=======
-CAPTIONERS = {
-    "none": "uppm.core.nulls:NoCaptioner",
-    "tag2text": "uppm.perception.captioners.tag2text:Tag2Text",
-}
-DETECTORS = {"nanodet": "uppm.perception.segmentation.nanodet:NanoDet"}
->>>>>>> 5ab7ae8 (Write captions and tags with Tag2Text, equal to its own code on the same weights)
 MASK_GENERATORS = {
     "geometric": "uppm.perception.segmentation.geometric_masks:GeometricMasks",
     "box": "uppm.perception.segmentation.geometric_masks:BoxMasks",

@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from uppm.core.types import Frame, Intrinsics
+
 SWIN = {"image": 64, "width": 16, "depths": [2, 2, 2, 2], "heads": [2, 2, 4, 4], "window": 4}
 TEXT = {"width": 32, "layers": 2, "heads": 4, "inner": 64, "positions": 64, "vocabulary": 92}
 TAGGING = {"width": 32, "layers": 2, "heads": 2, "inner": 64}
@@ -50,6 +52,13 @@ def image(seed: int) -> npt.NDArray[np.uint8]:
     return coarse.repeat(8, axis=0).repeat(8, axis=1).astype(np.uint8)
 
 
+def frame(seed: int) -> Frame:
+    """A frame whose colours are `image`'s."""
+    k = Intrinsics(fx=64, fy=64, cx=31.5, cy=31.5, width=64, height=64)
+    depth = np.ones((64, 64), dtype=np.float32)
+    return Frame(index=0, stamp=0, color=image(seed), depth=depth, T_map_camera=np.eye(4), intrinsics=k)
+
+
 def seeded_weights(shapes: Mapping[str, tuple[int, ...]]) -> dict[str, npt.NDArray[np.float32]]:
     """Name -> values that depend on name and shape alone; what a model ties has one name for it."""
     return {name: _values(canonical(name), shape) for name, shape in shapes.items()}
@@ -66,14 +75,20 @@ def _values(name: str, shape: tuple[int, ...]) -> npt.NDArray[np.float32]:
     noise = np.random.default_rng(zlib.crc32(name.encode())).standard_normal(shape, dtype=np.float32)
     if re.search(r"[Nn]orm\d?\.weight$", name):
         return 1 + 0.1 * noise
-    if name.endswith(("fc.b", "fc.bias")):
+    if name == "reweight_scale":
+        return np.full(shape, 2.0, dtype=np.float32)
+    if name == "label_embed":
+        return noise
+    if name == "fc.weight":
+        return 2 * noise
+    if name == "fc.b":
         return 0.3 * noise - 4.2
     if name.endswith("decoder.bias"):
         noise[WORDS.index("[SEP]")] = 14.0  # so that captions end
         return noise
     if name.endswith("bias"):
         return 0.1 * noise
-    if name.endswith(("fc.W", "fc.weight")):
+    if name == "fc.W":
         return 0.3 * noise
     if re.search(r"(word|position)_embeddings|transform\.dense", name):
         return noise

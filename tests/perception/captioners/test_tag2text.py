@@ -12,7 +12,6 @@ import pytest
 from tests.perception.captioners import seeded
 from uppm.core.config import PerceptionConfig
 from uppm.core.errors import InputError
-from uppm.core.types import Frame, Intrinsics
 from uppm.perception.models.network import COMMAND
 from uppm.perception.registry import CAPTIONERS
 
@@ -32,12 +31,6 @@ SIZES = {"swin": seeded.SWIN, "text": seeded.TEXT, "tagging": seeded.TAGGING}
 def golden(name: str, seed: int) -> npt.NDArray[Any]:
     with np.load(DATA / "tag2text.npz") as data:
         return data[f"{name}{seed}"]
-
-
-def frame(seed: int) -> Frame:
-    k = Intrinsics(fx=64, fy=64, cx=31.5, cy=31.5, width=64, height=64)
-    depth = np.ones((64, 64), dtype=np.float32)
-    return Frame(index=0, stamp=0, color=seeded.image(seed), depth=depth, T_map_camera=np.eye(4), intrinsics=k)
 
 
 def write_checkpoint(root: Path, state: dict[str, Any] | None = None) -> Path:
@@ -101,7 +94,7 @@ def test_each_stage_is_the_reference_s(folder: Path, seed: int) -> None:
 @pytest.mark.parametrize(("beams", "name"), [(3, "caption"), (1, "greedy")])
 def test_captions_and_tags_are_the_reference_s(folder: Path, seed: int, beams: int, name: str) -> None:
     captioner = tag2text.Tag2Text(PerceptionConfig(captioner="tag2text", caption_beams=beams, threads=1))
-    said = captioner.caption(frame(seed))
+    said = captioner.caption(seeded.frame(seed))
     assert said.text == golden(name, seed).item()
     assert " | ".join(said.tags) == golden("tags", seed).item()
     captioner.close()

@@ -19,10 +19,11 @@ from uppm.core.errors import InputError
 from uppm.perception.captioners.swin import TRAINING_BUFFERS
 from uppm.perception.models.network import Weights
 
-ARCHITECTURE, TAGS = "architecture.json", "tags.txt"
-"""Files that a model's folder may hold: sizes, and a list of tags, other than the published checkpoint's."""
+ARCHITECTURE, TAGS, THRESHOLDS = "architecture.json", "tags.txt", "thresholds.txt"
+"""Files that a model's folder may hold: sizes, tags and thresholds other than the published checkpoint's."""
 MEAN, STD = np.array([[0.485, 0.456, 0.406], [0.229, 0.224, 0.225]], dtype=np.float32)
 """ImageNet's, by channel."""
+M = TypeVar("M", bound=nn.Module)
 S = TypeVar("S")
 
 
@@ -37,10 +38,10 @@ def square_image(color: npt.NDArray[np.uint8], side: int) -> npt.NDArray[np.floa
 
 def read_checkpoint(
     weights: Weights,
-    make: Callable[[], nn.Module],
+    make: Callable[[], M],
     *,
     renamed: Mapping[str, str] | None = None,
-) -> nn.Module:
+) -> M:
     """A network with the checkpoint's weights, whose names and shapes must be the network's own.
 
     Left out are buffers that follow from the architecture. `renamed` holds parts that had another name once.
@@ -112,3 +113,20 @@ def read_tags(folder: Path, shipped: str, count: int) -> tuple[str, ...]:
         advice = "take the list that goes with the checkpoint"
         raise InputError(str(source), expected=f"{count} tags, one a line", found=str(len(tags)), advice=advice)
     return tags
+
+
+def read_thresholds(folder: Path, shipped: str, count: int) -> npt.NDArray[np.float64]:
+    """The tags' thresholds, one a line, of a folder's thresholds.txt, else of the package's list."""
+    own = folder / THRESHOLDS
+    source = own if own.exists() else resources.files("uppm.data").joinpath(shipped)
+    lines = source.read_text(encoding="utf-8").split()
+    try:
+        found = np.array([float(line) for line in lines])
+    except ValueError as error:
+        found = np.zeros(0)
+        lines = [str(error)]
+    if len(found) != count:
+        advice = "take the list that goes with the checkpoint"
+        said = f"{len(found)} numbers" if len(found) else lines[0] if lines else "nothing"
+        raise InputError(str(source), expected=f"{count} numbers, one a line", found=said, advice=advice)
+    return found

@@ -138,6 +138,11 @@ _SPECS = [
         ("clip-vit-large", 1710, "openai/clip-vit-large-patch14"),
         ("clip-vit-base", 605, "openai/clip-vit-base-patch32"),
     ),
+    *_family(
+        "ram_plus_tags",
+        "MIT (code); see the model card",
+        ("clip-vit-base-patch16", 600, "openai/clip-vit-base-patch16"),
+    ),
     *_family("siglip", _APACHE, ("siglip-base", 810, "google/siglip-base-patch16-224")),
 ]
 MODELS: Mapping[str, ModelSpec] = {spec.name: spec for spec in _SPECS}
