@@ -93,6 +93,42 @@ def bench_fusion_command(
         raise typer.Exit(1)
 
 
+@bench_app.command("perception")
+def bench_perception_command(
+    random_weights: Annotated[bool, typer.Option("--random-weights", help="Draw weights: times alone mean anything.")],
+    profile: Annotated[str, typer.Option(help="Whose back ends are timed.")] = "foundation",
+    frames: Annotated[int, typer.Option(min=1, help="Timed frames, after one that is not.")] = 3,
+    labels: Annotated[int, typer.Option(min=1, help="Prompts of the detector.")] = 12,
+    boxes: Annotated[int, typer.Option(min=1, help="Boxes of the mask generator.")] = 15,
+    set_: Annotated[list[str] | None, typer.Option("--set", help="One setting, as perception.device=cpu.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Time of each stage of perception on this device, beside the paper's table; weights are random."""
+    from uppm.bench.perception import PerceptionCase, bench_perception
+    from uppm.core.config import Config
+
+    if not random_weights:
+        raise typer.BadParameter("only random weights are timed so far: say --random-weights")
+    config = Config.load(overrides=[f"perception.profile={profile}", *(set_ or [])]).perception
+    result = bench_perception(PerceptionCase(config=config, frames=frames, labels=labels, boxes=boxes))
+    typer.echo(json.dumps(result, indent=2)) if as_json else _print_perception(result)
+
+
+def _print_perception(result: dict[str, Any]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(
+        "stage", "ms", "ms of processor time", "paper, A100", title=f"{result['profile']} on {result['device']}"
+    )
+    for stage, paper in result["paper_ms"].items():
+        own = result["stages_ms"].get(stage, {"wall": "not timed", "cpu": ""})
+        table.add_row(stage, str(own["wall"]), str(own["cpu"]), f"{paper:g}")
+    Console().print(table)
+    typer.echo(f"{result['note']}; load {result['load_before']} before, {result['load_after']} after")
+    _print_machine(result)
+
+
 def _print_table(results: list[dict[str, Any]]) -> None:
     from rich.console import Console
     from rich.table import Table

@@ -14,7 +14,7 @@ from typing import Any
 
 from uppm.core.config import PerceptionConfig
 from uppm.core.errors import ConfigError
-from uppm.core.protocols import Detector, Labeler, MaskGenerator, Segmenter, VisualEncoder
+from uppm.core.protocols import Captioner, Detector, Labeler, MaskGenerator, Segmenter, VisualEncoder
 from uppm.perception.featured import WithFeatures
 from uppm.perception.labels.caption import CaptionLabeler
 from uppm.perception.models.network import TORCH, missing_torch
@@ -31,6 +31,7 @@ SEGMENTERS = {
     "sam3": "uppm.perception.segmentation.sam3:Sam3",
 }
 CAPTIONERS = {
+    "florence2": "uppm.perception.captioners.florence2:Florence2",
     "none": "uppm.core.nulls:NoCaptioner",
     "ram_plus": "uppm.perception.captioners.ram_plus:RamPlus",
     "tag2text": "uppm.perception.captioners.tag2text:Tag2Text",
@@ -69,8 +70,12 @@ def create_visual_encoder(config: PerceptionConfig) -> VisualEncoder:
 
 def create_labeler(config: PerceptionConfig) -> Labeler:
     """Labels by the captioner of `config.captioner`; raises ConfigError for an unknown name."""
-    captioner = _create("perception.captioner", config.captioner, CAPTIONERS, "uppm.captioners", config)
-    return CaptionLabeler(captioner, use_tags=config.use_tags, skip_blurry=config.skip_blurry)
+    return CaptionLabeler(create_captioner(config), use_tags=config.use_tags, skip_blurry=config.skip_blurry)
+
+
+def create_captioner(config: PerceptionConfig) -> Captioner:
+    """The captioner of `config.captioner`; raises ConfigError for an unknown name."""
+    return _create("perception.captioner", config.captioner, CAPTIONERS, "uppm.captioners", config)
 
 
 def create_detector(config: PerceptionConfig) -> Detector:
@@ -85,9 +90,13 @@ def create_mask_generator(config: PerceptionConfig) -> MaskGenerator:
 
 def models_of_profile(profile: str) -> list[str]:
     """Names of the models (`uppm models list`) that a profile needs with its default settings."""
-    config = PerceptionConfig(profile=profile)
+    return models_of(PerceptionConfig(profile=profile))
+
+
+def models_of(config: PerceptionConfig) -> list[str]:
+    """Names of the models (`uppm models list`) that a configuration's back ends load."""
     parts = ((config.captioner, config.captioner_model), (config.detector, config.detector_model))
-    parts += ((config.masks, config.masks_model), (profile, config.segmenter_model))
+    parts += ((config.masks, config.masks_model), (config.profile, config.segmenter_model))
     chosen = [_model_of(back_end, model) for back_end, model in parts]
     return [name for name in chosen if name]
 

@@ -80,10 +80,15 @@ def write_clip(folder: Path) -> None:
     """A tiny CLIP text tower and a tokenizer of letters."""
     from transformers import CLIPTextConfig, CLIPTextModelWithProjection
 
-    sizes = {"hidden_size": 16, "intermediate_size": 32, "num_hidden_layers": 1, "num_attention_heads": 2}
+    sizes: dict[str, Any] = {
+        "hidden_size": 16,
+        "intermediate_size": 32,
+        "num_hidden_layers": 1,
+        "num_attention_heads": 2,
+    }
     letters = [*"abcdefghijklmnopqrstuvwxyz.", *(f"{c}</w>" for c in "abcdefghijklmnopqrstuvwxyz.")]
     vocabulary = {token: i for i, token in enumerate([*letters, "<|startoftext|>", "<|endoftext|>"])}
-    ends = {"bos_token_id": len(vocabulary) - 2, "eos_token_id": len(vocabulary) - 1}
+    ends: dict[str, Any] = {"bos_token_id": len(vocabulary) - 2, "eos_token_id": len(vocabulary) - 1}
     config = CLIPTextConfig(vocab_size=len(vocabulary), projection_dim=512, **sizes, **ends)
     CLIPTextModelWithProjection(config).save_pretrained(folder)
     (folder / "vocab.json").write_text(json.dumps(vocabulary))
