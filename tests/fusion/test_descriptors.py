@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from uppm.core.categories import category_by_name
+from uppm.core.categories import category_by_name, label_category
 from uppm.core.types import ElementaryDescriptor, Provenance
 from uppm.fusion.descriptors import merge, observe
 
@@ -47,3 +47,13 @@ def test_weights_count_in_the_vote() -> None:
 def test_merging_adds_counts() -> None:
     d = merge(accumulate(("sofa", "couch"), ("sofa", "couch")), accumulate(("couch", "couch"), ("sofa", "couch")))
     assert {r.text: r.count for r in d.labels} == {"sofa": 3, "couch": 1}
+
+
+def test_a_label_that_is_its_own_category_can_win() -> None:
+    def own(text: str) -> ElementaryDescriptor:
+        return ElementaryDescriptor(label=text, category=label_category(text), provenance=Provenance.TAG, score=0.5)
+
+    d = observe(observe(observe(None, own("sofa"), 0, 1.0), own("couch"), 1, 1.0), own("couch"), 2, 1.0)
+    assert d.category == label_category("couch")
+    assert (d.category.name, d.category.voxel_size) == ("couch", 0.03)
+    assert merge(observe(None, own("settee"), 0, 1.0), d).category.name == "couch"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from uppm.core.categories import category_by_name, unified_categories
+from uppm.core.categories import category_by_name, label_category, unified_categories
 from uppm.fusion.tracking import NEW, CategoryPolicy, assign, covered_together, iou_matrix, join_contained
 
 
@@ -56,3 +56,10 @@ def test_a_part_joins_the_whole_that_it_lies_on() -> None:
     np.testing.assert_array_equal(targets, [0, 0, NEW])
     refused = join_contained(np.array([0, NEW, NEW]), overlap, observed, ~allowed, 0.6)
     np.testing.assert_array_equal(refused, [0, NEW, NEW])
+
+
+def test_a_category_outside_the_table_goes_with_itself_only() -> None:
+    chair, couch, sofa = category_by_name()["chair"].id, label_category("couch").id, label_category("sofa").id
+    policy = CategoryPolicy("compatible", 0.5, np.ones((171, 171), dtype=np.float32))
+    least = policy.least_overlap([chair, couch], [chair, couch, sofa], 0.1)
+    np.testing.assert_array_equal(least, [[0.1, np.inf, np.inf], [np.inf, 0.1, np.inf]])

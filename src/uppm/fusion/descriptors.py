@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from uppm.core.categories import category_by_id
+from uppm.core.categories import category_of
 from uppm.core.features import VisualFeature
 from uppm.core.types import Category, DynamicDescriptor, ElementaryDescriptor, LabelRecord
 
@@ -84,6 +84,9 @@ def _vote(labels: tuple[LabelRecord, ...], incumbent: Category, feature: VisualF
     for record in labels:
         votes[record.category] += record.weight
     best = max(votes, key=lambda c: (votes[c], c == incumbent.id, -c))
-    winner = incumbent if votes[best] <= votes.get(incumbent.id, 0.0) else category_by_id()[best]
+    if votes[best] <= votes.get(incumbent.id, 0.0):
+        winner = incumbent
+    else:
+        winner = category_of(next(record for record in labels if record.category == best))
     total = sum(votes.values())
     return DynamicDescriptor(labels=labels, category=winner, confidence=votes[winner.id] / total, feature=feature)

@@ -46,20 +46,22 @@ class CategoryPolicy:
     """
 
     def __init__(self, policy: str, min_cosine: float, similarity: npt.NDArray[np.float32]) -> None:
-        self._policy, self._min_cosine, self._similarity = policy, min_cosine, similarity
+        self._policy, self._min_cosine = policy, min_cosine
+        # The last row is for categories that are not in the table, and like none but themselves.
+        self._similarity = np.pad(similarity, (0, 1), constant_values=-1.0)
         self._row = {category.id: n for n, category in enumerate(unified_categories())}
 
     def least_overlap(self, first: Sequence[int], second: Sequence[int], base: float) -> npt.NDArray[np.float64]:
         """Least overlap (N, M) at which a category id of `first` goes with one of `second`; inf where it never does."""
-        a = np.array([self._row[c] for c in first], dtype=np.intp)[:, None]
-        b = np.array([self._row[c] for c in second], dtype=np.intp)[None, :]
+        same = np.array(first, dtype=np.int64)[:, None] == np.array(second, dtype=np.int64)[None, :]
         if self._policy == "any":
-            return np.full((len(first), len(second)), base)
+            return np.full(same.shape, base)
         if self._policy == "same":
-            return np.where(a == b, base, np.inf)
-        cosine = self._similarity[a, b].astype(np.float64)
+            return np.where(same, base, np.inf)
+        a, b = (np.array([self._row.get(c, -1) for c in ids], dtype=np.intp) for ids in (first, second))
+        cosine = self._similarity[np.ix_(a, b)].astype(np.float64)
         asked = base + 0.5 * (1.0 - cosine) / (1.0 - self._min_cosine)
-        return np.where(a == b, base, np.where(cosine >= self._min_cosine, asked, np.inf))
+        return np.where(same, base, np.where(cosine >= self._min_cosine, asked, np.inf))
 
 
 def assign(iou: npt.NDArray[np.float64], least: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:

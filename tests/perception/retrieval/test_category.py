@@ -153,3 +153,13 @@ def test_a_bad_list_is_named(tmp_path: Path, content: str) -> None:
     file.write_text(content)
     with pytest.raises(InputError, match=r"labels\.tsv: expected"):
         read_labels(file)
+
+
+def test_labels_can_be_categories_of_their_own() -> None:
+    retriever = create_retriever(RetrievalConfig(method="labels"), NoEncoder())
+    sofa, couch, again = retriever.retrieve(["sofa", "couch", "sofa"])
+    assert sofa == again
+    assert (sofa.name, couch.name) == ("sofa", "couch")
+    assert len({sofa.id, couch.id, *(c.id for c in unified_categories())}) == 173
+    assert sofa.voxel_size == couch.voxel_size
+    assert max(sofa.id, couch.id) < 1 << 53

@@ -8,6 +8,8 @@ from uppm.core.protocols import Retriever, TextEncoder
 
 def create_retriever(config: RetrievalConfig, encoder: TextEncoder) -> Retriever:
     """The retriever that `config.method` names; `encoder`: usually the map's `LabelEmbeddings`."""
-    from uppm.perception.retrieval.category import PaperRetriever, PrototypeRetriever
+    from uppm.perception.retrieval.category import LabelRetriever, PaperRetriever, PrototypeRetriever
 
+    if config.method == "labels":
+        return LabelRetriever()
     return {"paper": PaperRetriever, "uppm": PrototypeRetriever}[config.method](encoder)

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-from uppm.core.categories import category_by_name, plain_name, unified_categories
+from uppm.core.categories import category_by_name, label_category, plain_name, unified_categories
 from uppm.core.protocols import TextEncoder
 from uppm.core.types import Category
 from uppm.perception.labels.lemma import lemmatize
@@ -40,6 +40,14 @@ _CATCH_ALL = {
 }
 _LIVING_OR_MOVING = ("person", "animal", "vehicle")
 """Supercategories without a catch-all: their best category answers."""
+
+
+class LabelRetriever:
+    """Each label is a category of its own, all of one size: no unified semantics (the paper's PPM, section 4.6)."""
+
+    def retrieve(self, texts: Sequence[str]) -> tuple[Category, ...]:
+        """One category a text."""
+        return tuple(map(label_category, texts))
 
 
 class PaperRetriever:
