@@ -1,7 +1,7 @@
 """Write src/uppm/data/embeddings.npz: MPNet vectors of every text of the category and prototype tables.
 
-Holds what retrieval compares with, and every label that the profile `embedded` can say, so that neither needs the
-encoder. Needs the encoder's weights (requirements/mpnet.txt):
+Holds what retrieval compares with, and every label that the profiles `embedded` and `simulated` can say, so that none
+of them needs the encoder. Needs the encoder's weights (requirements/mpnet.txt):
 
     python tools/make_embeddings.py
 """

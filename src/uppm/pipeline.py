@@ -29,7 +29,7 @@ from uppm.map.panoptic_map import PanopticMap
 from uppm.map.store import MapMeta, MapReader, MapWriter, check_free
 from uppm.perception.front_end import FrontEnd, Percept, spread_frames
 from uppm.perception.labels.lemma import lemmatize
-from uppm.perception.registry import create_labeler, create_segmenter
+from uppm.perception.registry import create_labeler, create_segmenter, seen_by_camera
 from uppm.perception.retrieval import create_retriever
 from uppm.perception.retrieval.category import category_vectors
 from uppm.perception.retrieval.embeddings import LabelEmbeddings
@@ -277,7 +277,7 @@ def map_sequence(
         writer = MapWriter.create(output, mapper.config.model_dump_json(), mapper.provenance, overwrite=overwrite)
     with closing(mapper), writer:
         if first < len(source):
-            _run(mapper, source, first, writer, progress)
+            _run(mapper, seen_by_camera(source, mapper.config.perception), first, writer, progress)
     return mapper.report
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 import pytest
 import typer
+from pydantic import BaseModel
 
 from uppm.cli.main import app
 from uppm.core.config import Config
@@ -18,10 +19,15 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 def settings() -> Iterator[tuple[str, object]]:
     """Name and default of every setting."""
-    config = Config()
-    for section in Config.model_fields:
-        for name, value in getattr(config, section):
-            yield f"{section}.{name}", value
+    yield from settings_of(Config(), "")
+
+
+def settings_of(section: BaseModel, path: str) -> Iterator[tuple[str, object]]:
+    for name, value in section:
+        if isinstance(value, BaseModel):
+            yield from settings_of(value, f"{path}{name}.")
+        else:
+            yield f"{path}{name}", value
 
 
 def shown(value: object) -> str:
@@ -44,7 +50,7 @@ COMMANDS = dict(commands(typer.main.get_command(app)))  # pyright: ignore[report
 
 def test_every_setting_is_documented_with_its_default() -> None:
     text = (DOCS / "configuration.md").read_text(encoding="utf-8")
-    documented = dict(re.findall(r"^\| `([a-z]+\.[a-z_0-9]+)` \| ([^|]*?) \|", text, re.MULTILINE))
+    documented = dict(re.findall(r"^\| `([a-z]+(?:\.[a-z_0-9]+)+)` \| ([^|]*?) \|", text, re.MULTILINE))
     assert documented == {name: shown(value) for name, value in settings()}
 
 

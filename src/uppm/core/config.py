@@ -31,6 +31,7 @@ PROFILES: Mapping[str, Mapping[str, str | None]] = {
         "prompts": "joint",
     },
     "sam3": {"captioner": "tag2text"},
+    "simulated": {"captioner": "simulated"},
 }
 """Profile -> its defaults of other settings of `PerceptionConfig`, where they are not those of `embedded`."""
 
@@ -91,6 +92,46 @@ class InputConfig(Section):
     noise_seed: int = Field(default=0, ge=0)
     strict: bool = False
     """A bad frame ends the run instead of being skipped and counted."""
+
+
+class SimulatedConfig(Section):
+    """Noise of the profile `simulated` (docs/simulated.md); rates are probabilities at `level` 1."""
+
+    seed: int = Field(default=0, ge=0)
+    level: float = Field(default=1.0, ge=0)
+    """Multiplies every rate and every length; 0: ground truth."""
+    hold: int = Field(default=3, ge=1)
+    """Frames for which a name, a miss, a split or a merge stays."""
+    synonym: float = Field(default=0.6, ge=0, le=1)
+    """An object is called by another of its names than that of `labels.csv`."""
+    wrong: float = Field(default=0.15, ge=0, le=1)
+    """It is called by what it may be taken for, of another category."""
+    unmentioned: float = Field(default=0.2, ge=0, le=1)
+    """The caption leaves it out."""
+    untagged: float = Field(default=0.4, ge=0, le=1)
+    """No tag is for it; only with `use_tags`."""
+    false_tags: float = Field(default=0.5, ge=0)
+    """Expected tags a frame for what is not there; only with `use_tags`."""
+    missed: float = Field(default=0.1, ge=0, le=1)
+    """The detector gives no box; twice as often below 32x32 pixels."""
+    split: float = Field(default=0.05, ge=0, le=1)
+    """A thing's mask is two segments."""
+    merged: float = Field(default=0.05, ge=0, le=1)
+    """A thing's mask holds that of its neighbour, which has none of its own."""
+    duplicated: float = Field(default=0.25, ge=0, le=1)
+    """A thing has a second box, under another name."""
+    part: float = Field(default=0.1, ge=0, le=1)
+    """A thing has a smaller box inside its own, under the same name."""
+    mask_pixels: float = Field(default=3.0, ge=0)
+    """Masks are eroded or dilated by up to so many pixels, at a width of 640."""
+    box_jitter: float = Field(default=0.02, ge=0)
+    """Standard deviation of a box's sides, as a share of its size."""
+    blurred: float = Field(default=0.05, ge=0, le=1)
+    """A frame is blurred."""
+    unflagged: float = Field(default=0.3, ge=0, le=1)
+    """The caption of a blurred frame does not say so."""
+    blur_pixels: float = Field(default=12.0, ge=0)
+    """Length of the motion blur, at a width of 640."""
 
 
 class PerceptionConfig(Section):
@@ -162,13 +203,15 @@ class PerceptionConfig(Section):
     min_mask_pixels: int = Field(default=150, ge=1)
     """At 640x480; scales with the image's area."""
     threads: int = Field(default=2, ge=1)
+    simulated: SimulatedConfig = SimulatedConfig()
 
 
 class RetrievalConfig(Section):
     """Semantic retrieval (paper section 3.2.2)."""
 
-    method: Literal["paper", "uppm"] = "uppm"
-    """paper: nearest category name (equation 1); uppm: prototypes of each category, docs/retrieval.md."""
+    method: Literal["paper", "uppm", "labels"] = "uppm"
+    """paper: nearest category name (equation 1); uppm: prototypes of each category, docs/retrieval.md; labels: each
+    label is a category of its own, of one size (the paper's PPM, section 4.6)."""
 
 
 class FusionConfig(Section):

@@ -14,7 +14,7 @@ from typing import Any
 
 from uppm.core.config import PerceptionConfig
 from uppm.core.errors import ConfigError
-from uppm.core.protocols import Captioner, Detector, Labeler, MaskGenerator, Segmenter, VisualEncoder
+from uppm.core.protocols import Captioner, Detector, FrameSource, Labeler, MaskGenerator, Segmenter, VisualEncoder
 from uppm.perception.featured import WithFeatures
 from uppm.perception.labels.caption import CaptionLabeler
 from uppm.perception.models.network import TORCH, missing_torch
@@ -29,11 +29,13 @@ SEGMENTERS = {
     "oneformer": "uppm.perception.segmentation.oneformer:OneFormer",
     "precomputed": "uppm.perception.segmentation.precomputed:PrecomputedSegmenter",
     "sam3": "uppm.perception.segmentation.sam3:Sam3",
+    "simulated": "uppm.perception.simulated.segmenter:SimulatedSegmenter",
 }
 CAPTIONERS = {
     "florence2": "uppm.perception.captioners.florence2:Florence2",
     "none": "uppm.core.nulls:NoCaptioner",
     "ram_plus": "uppm.perception.captioners.ram_plus:RamPlus",
+    "simulated": "uppm.perception.simulated.captioner:SimulatedCaptioner",
     "tag2text": "uppm.perception.captioners.tag2text:Tag2Text",
 }
 DETECTORS = {
@@ -76,6 +78,15 @@ def create_labeler(config: PerceptionConfig) -> Labeler:
 def create_captioner(config: PerceptionConfig) -> Captioner:
     """The captioner of `config.captioner`; raises ConfigError for an unknown name."""
     return _create("perception.captioner", config.captioner, CAPTIONERS, "uppm.captioners", config)
+
+
+def seen_by_camera(source: FrameSource, config: PerceptionConfig) -> FrameSource:
+    """A sequence as the profile's camera sees it: the simulated one blurs some of its frames."""
+    if config.profile != "simulated":
+        return source
+    from uppm.perception.simulated.camera import SimulatedCamera
+
+    return SimulatedCamera(source, config.simulated)
 
 
 def create_detector(config: PerceptionConfig) -> Detector:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from uppm.core.categories import plain_name, unified_categories
 from uppm.core.protocols import TextEncoder
 from uppm.perception.retrieval.prototypes import prototypes
+from uppm.perception.simulated.names import all_labels
 
 Vector = npt.NDArray[np.float32]
 
@@ -69,12 +70,12 @@ class LabelEmbeddings:
 
 
 def shipped_texts() -> list[str]:
-    """What the shipped table must hold: category names as they are and as said, and every term and gloss."""
+    """What the shipped table must hold: category names, as they are and as said, terms, glosses, simulated labels."""
     names = [category.name for category in unified_categories()]
     texts = [*names, *map(plain_name, names)]
     for row in prototypes():
         texts += [*row.terms, row.gloss, *row.wordnet_terms, *row.wordnet_glosses]
-    return list(dict.fromkeys(texts))
+    return list(dict.fromkeys([*texts, *all_labels()]))
 
 
 @cache
