@@ -24,6 +24,7 @@ from uppm.cli.info import info
 from uppm.cli.map import map_command
 from uppm.cli.models import models_app
 from uppm.cli.query import query
+from uppm.cli.studies import evaluate_ablation_command, evaluate_noise_command
 from uppm.core.errors import UppmError
 
 bench_app.command("ablation")(bench_ablation_command)
@@ -43,6 +44,8 @@ app.add_typer(evaluate_app, name="evaluate")
 app.add_typer(bench_app, name="bench")
 app.add_typer(convert_app, name="convert")
 app.add_typer(models_app, name="models")
+evaluate_app.command("ablation")(evaluate_ablation_command)
+evaluate_app.command("noise")(evaluate_noise_command)
 
 
 def _version(wanted: bool) -> None:
