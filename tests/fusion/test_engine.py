@@ -97,6 +97,20 @@ def test_policy_same_keeps_categories_apart() -> None:
     assert [s.views for s in objects(fusion)] == [2, 2]
 
 
+def test_a_wrong_name_on_the_same_surface_is_another_word_for_it() -> None:
+    ball, wrong = Sphere([0, 0, 0.4], 0.3), {2, 5}
+    for certain, one in ((0.5, True), (1.0, False)):
+        fusion = PanopticFusion(FusionConfig(max_blocks=20000, certain_iou=certain), similarity())
+        for n, eye in enumerate(RING[:8]):
+            frame, ids = render([ball], look_at(eye, TARGET), n)
+            name = "clock" if n in wrong else "orange"
+            fusion.fuse(frame, described(ids, [(name, name)]))
+        things = objects(fusion)
+        assert (len(things) == 1) is one
+        assert things[0].descriptor is not None
+        assert things[0].descriptor.category.name == "orange"
+
+
 def test_a_category_of_another_size_resamples_after_enough_views() -> None:
     fusion = PanopticFusion(FusionConfig(max_blocks=20000), similarity(cup__couch=0.8))
     ball = Sphere([0, 0, 0.4], 0.3)

@@ -171,7 +171,7 @@ def test_belonging_by_majority_or_by_one_sight() -> None:
     names = [("a", "suitcase"), ("b", "refrigerator")]
     across = {}
     for belonging in ("majority", "once"):
-        fusion = new_fusion(settings(belonging=belonging))
+        fusion = new_fusion(settings(belonging=belonging, certain_iou=1.0))
         for n in range(8):
             # One mask in eight leaks over the other box.
             see(fusion, [left, right], names, n, eye=[0.3, -1.7, 1.1], segments=[1, 1] if n == 4 else [1, 2])

@@ -38,6 +38,12 @@ def test_less_agreement_asks_for_more_overlap() -> None:
     np.testing.assert_allclose(CategoryPolicy("any", 0.5, similarity).least_overlap(ids[:1], ids, 0.1), [[0.1] * 3])
 
 
+def test_only_the_lenient_policy_is_ever_certain() -> None:
+    similarity = np.eye(171, dtype=np.float32)
+    assert CategoryPolicy("compatible", 0.5, similarity, 0.5).certain_iou == 0.5
+    assert np.isinf(CategoryPolicy("same", 0.5, similarity, 0.5).certain_iou)
+
+
 def test_one_segment_over_two_submaps_is_noticed() -> None:
     # Rows: the target, a duplicate, a sliver, one half outside, one with its own segment.
     overlap = np.array([[0, 500, 0], [20, 300, 0], [0, 90, 0], [300, 300, 0], [0, 0, 400]])

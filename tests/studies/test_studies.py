@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from uppm.cli.studies import read_levels
 from uppm.cli.main import app
+from uppm.cli.studies import read_levels
 from uppm.core.config import Config
 from uppm.core.errors import InputError
 from uppm.core.types import Mesh

@@ -53,7 +53,7 @@ def evaluate_noise_command(
     set_: Settings = None,
     resume: Resume = False,
 ) -> None:
-    """Curves of PQ, object count and recall against simulated noise, for UPPM and PPM (docs/simulated.md)."""
+    """Curves of PQ, object count and recall against simulated noise, for UPPM, PPM and panmap (docs/simulated.md)."""
     from uppm.studies.measure import measure
     from uppm.studies.noise import draw_curves, noise_curves
     from uppm.studies.runs import Runs

@@ -251,6 +251,9 @@ class FusionConfig(Section):
     category_policy: Literal["same", "compatible", "any"] = "compatible"
     min_cosine: float = Field(default=0.5, ge=-1, lt=1)
     """Two categories are compatible where their embeddings agree at least so much."""
+    certain_iou: float = Field(default=0.5, ge=0, le=1)
+    """With `compatible`: IoU from which a segment joins a submap whatever the two are called; over one half, no other
+    segment has it."""
     min_containment: float | None = Field(default=0.6, ge=0, le=1)
     """Share of a segment on one submap's surface at which it joins it though its IoU is low; None: never."""
     min_area: float = Field(default=12.0, ge=0)

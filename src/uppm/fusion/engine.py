@@ -66,7 +66,9 @@ class PanopticFusion:
 
     def __init__(self, config: FusionConfig, similarity: npt.NDArray[np.float32]) -> None:
         self._config = config
-        self._policy = tracking.CategoryPolicy(config.category_policy, config.min_cosine, similarity)
+        self._policy = tracking.CategoryPolicy(
+            config.category_policy, config.min_cosine, similarity, config.certain_iou
+        )
         self._threads = min(config.threads, numba_config.NUMBA_NUM_THREADS)  # pyright: ignore[reportAttributeAccessIssue]
         self._views = ViewFactory(config.depth_min, config.depth_max, along_normal=config.distance == "normal")
         max_step = config.interpolation_max_step if config.interpolation == "bilinear" else 0.0
@@ -147,7 +149,8 @@ class PanopticFusion:
         """Row in `tracks.submaps` of each segment, or NEW (paper equation 4)."""
         c = self._config
         assign = tracking.assign if c.association == "optimal" else tracking.assign_greedily
-        targets = assign(tracking.iou_matrix(tracks.overlap, tracks.observed), tracks.least)
+        least = np.minimum(tracks.least, self._policy.certain_iou)
+        targets = assign(tracking.iou_matrix(tracks.overlap, tracks.observed), least)
         if c.min_containment is None:
             return targets
         return tracking.join_contained(

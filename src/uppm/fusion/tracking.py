@@ -43,10 +43,15 @@ class CategoryPolicy:
     min_cosine : float
     similarity : (C, C) float32
         Cosine of the embeddings of each two unified categories, in the order of the category table.
+    certain_iou : float
+        With `compatible`, the IoU from which a segment is a submap's whatever the two are called.
     """
 
-    def __init__(self, policy: str, min_cosine: float, similarity: npt.NDArray[np.float32]) -> None:
+    def __init__(
+        self, policy: str, min_cosine: float, similarity: npt.NDArray[np.float32], certain_iou: float = 1.0
+    ) -> None:
         self._policy, self._min_cosine = policy, min_cosine
+        self.certain_iou = certain_iou if policy == "compatible" else np.inf
         # The last row is for categories that are not in the table, and like none but themselves.
         self._similarity = np.pad(similarity, (0, 1), constant_values=-1.0)
         self._row = {category.id: n for n, category in enumerate(unified_categories())}

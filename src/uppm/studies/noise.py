@@ -1,4 +1,4 @@
-"""Quality against the noise of simulated perception, for UPPM and PPM."""
+"""Quality against the noise of simulated perception, for UPPM, PPM and Panoptic Multi-TSDFs."""
 
 from __future__ import annotations
 
@@ -15,8 +15,12 @@ LEVELS = (0.0, 0.5, 1.0, 1.5, 2.0)
 """1: the default noise (docs/simulated.md)."""
 
 
-METHODS: Mapping[str, tuple[str, ...]] = {"UPPM": (), "PPM": VARIANTS["ppm"][1:]}
-"""Curve -> its settings."""
+METHODS: Mapping[str, tuple[str, tuple[str, ...]]] = {
+    "UPPM": ("uppm", ()),
+    "PPM": ("uppm", VARIANTS["ppm"][1:]),
+    "panmap": ("panmap", ()),
+}
+"""Curve -> its preset and settings."""
 CURVES = (
     ("pq_3d", "PQ (3D)"),
     ("object_count_ratio", "objects / true objects"),
@@ -38,11 +42,11 @@ def noise_curves(
     """One row a sequence, method and level, with all metrics."""
     rows: list[dict[str, Any]] = []
     for sequence in sequences:
-        for name, own in METHODS.items():
+        for name, (preset, own) in METHODS.items():
             for level in levels:
                 progress(name, level, sequence.name)
                 given = ["perception.profile=simulated", *settings, *own, f"perception.simulated.level={level}"]
-                config = Config.load(None, given)
+                config = Config.load(preset, given)
                 row = {"sequence": sequence.name, "method": name, "level": level}
                 rows.append(row | runs(sequence, config))
     return rows
@@ -57,7 +61,7 @@ def draw_curves(rows: Sequence[Mapping[str, Any]], file: Path) -> None:
         matplotlib is not installed.
     """
     try:
-        from matplotlib.figure import Figure
+        from matplotlib.figure import Figure  # pyright: ignore[reportMissingImports]
     except ImportError:
         raise MissingExtraError("matplotlib", "pip install 'uppm[eval]'") from None
     sequences = list(dict.fromkeys(row["sequence"] for row in rows))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,8 @@ def measure_segments(sequence: Path, config: Config) -> dict[str, Any]:
     }
 
 
-def _table(instance: Any, ids: Any, truth: dict[int, TruthInstance], found: dict[int, PredictedSegment]) -> Overlaps:
+def _table(
+    instance: Any, ids: Any, truth: Mapping[int, TruthInstance], found: Mapping[int, PredictedSegment]
+) -> Overlaps:
     seen = {i.id: TrueSegment(classes=i.categories, is_thing=i.is_thing) for i in truth.values()}
     return overlaps(instance, ids, seen, found)

@@ -32,9 +32,14 @@ def noise_of(frame: Frame, config: SimulatedConfig) -> FrameNoise:
     return frame_noise(frame, frame.truth, config)
 
 
-@cache
 def things(config: SimulatedConfig) -> list[InstanceNoise]:
-    return [i for frame in FRAMES for i in noise_of(frame, config).instances if i.is_thing]
+    return things_of(config.model_dump_json())
+
+
+@cache
+def things_of(config: str) -> list[InstanceNoise]:
+    noises = (noise_of(frame, SimulatedConfig.model_validate_json(config)) for frame in FRAMES)
+    return [i for noise in noises for i in noise.instances if i.is_thing]
 
 
 @pytest.mark.parametrize(
