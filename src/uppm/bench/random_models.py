@@ -57,7 +57,7 @@ def _grounding_dino(folder: Path) -> None:
         depths=[2, 2, 6, 2],
         num_heads=[3, 6, 12, 24],
         window_size=7,
-        out_features=["stage2", "stage3", "stage4"],
+        out_features=["stage2", "stage3", "stage4"],  # pyright: ignore[reportCallIssue]
     )
     config = transformers.GroundingDinoConfig(backbone_config=swin, text_config=transformers.BertConfig())
     for part in (
