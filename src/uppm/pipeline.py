@@ -29,6 +29,7 @@ from uppm.map.panoptic_map import PanopticMap
 from uppm.map.store import MapMeta, MapReader, MapWriter, check_free
 from uppm.perception.front_end import FrontEnd, Percept, spread_frames
 from uppm.perception.labels.lemma import lemmatize
+from uppm.perception.labels.phrases import pos_tags
 from uppm.perception.registry import create_labeler, create_segmenter, seen_by_camera
 from uppm.perception.retrieval import create_retriever
 from uppm.perception.retrieval.category import category_vectors
@@ -234,7 +235,7 @@ def open_map(path: str | Path) -> PanopticMap:
 
 def _language(encoder: Callable[[], TextEncoder]) -> dict[str, Any]:
     """What a map needs to understand a phrase."""
-    return {"encoder": encoder, "category_embeddings": category_vectors, "lemmatize": lemmatize}
+    return {"encoder": encoder, "category_embeddings": category_vectors, "lemmatize": lemmatize, "tag": pos_tags}
 
 
 def map_sequence(

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from uppm.core.categories import unified_categories
+from uppm.core.categories import plain_name, unified_categories
 from uppm.core.errors import InputError
 from uppm.core.protocols import TextEncoder, VoxelSource
 from uppm.core.types import Change, FrameRecord, Mesh, Report, Submap, SubmapKind, SubmapState, VoxelBlocks
 from uppm.map.palette import submap_color
 from uppm.map.query import Answer, rank
 from uppm.map.store import MapMeta, MapReader
+
+if TYPE_CHECKING:
+    from uppm.map.answer import Reply
+    from uppm.map.scene import Scene
 
 Coloring = Literal["color", "instance", "category"]
 Vector = npt.NDArray[np.float32]
@@ -60,6 +64,7 @@ class PanopticMap:
     encoder : makes the text encoder, on the first query.
     category_embeddings : makes category id -> unit vectors, (D,) or (K, D), on the first query; None: of the names.
     lemmatize : brings a query into the form of the labels.
+    tag : part-of-speech tags of words, for questions; without it every phrase is a plain one.
     label_embeddings : label text -> unit vector (D,), as stored with the map.
     """
 
@@ -71,6 +76,7 @@ class PanopticMap:
         encoder: Callable[[], TextEncoder] | None = None,
         category_embeddings: Callable[[], Mapping[int, Vector]] | None = None,
         lemmatize: Callable[[str], str] = str.lower,
+        tag: Callable[[Sequence[str]], Sequence[str]] | None = None,
         label_embeddings: Mapping[str, Vector] | None = None,
         report: Report | None = None,
         frames: Iterable[FrameRecord] = (),
@@ -86,7 +92,7 @@ class PanopticMap:
         self.label_embeddings = dict(label_embeddings or {})
         self._by_id = {submap.id: submap for submap in self.submaps}
         self._meshes: dict[int, Mesh] = {}
-        self._voxels, self._make_encoder, self._lemmatize = voxels, encoder, lemmatize
+        self._voxels, self._make_encoder, self._lemmatize, self._tag = voxels, encoder, lemmatize, tag
         self._make_categories = category_embeddings or self._encoded_names
 
     @classmethod
@@ -97,6 +103,7 @@ class PanopticMap:
         encoder: Callable[[], TextEncoder] | None = None,
         category_embeddings: Callable[[], Mapping[int, Vector]] | None = None,
         lemmatize: Callable[[str], str] = str.lower,
+        tag: Callable[[Sequence[str]], Sequence[str]] | None = None,
     ) -> PanopticMap:
         """The map of an open file; no voxels are read yet."""
         return cls(
@@ -105,6 +112,7 @@ class PanopticMap:
             encoder=encoder,
             category_embeddings=category_embeddings,
             lemmatize=lemmatize,
+            tag=tag,
             label_embeddings=reader.label_embeddings(),
             report=reader.report(),
             frames=reader.frames(),
@@ -171,11 +179,59 @@ class PanopticMap:
         phrase = self._lemmatize(text.strip())
         if not phrase:
             raise InputError("query", expected="a phrase such as 'coffee mug'", found=repr(text), advice="name a thing")
-        vector = self._encoder.encode([phrase])[0]
-        believed = [s for s in self.submaps if s.state is not SubmapState.TENTATIVE]
-        answers = rank(phrase, vector, believed, self.label_embeddings, self._category_embeddings)
+        answers = self._ranked(phrase)
         results = tuple(answer for answer in answers if answer.found)[:limit]
         return QueryResult(text=text, results=results, closest=() if results else tuple(answers[:limit]))
+
+    def ask(self, text: str, limit: int = 5, viewpoint: npt.ArrayLike | None = None) -> Reply:
+        """What answers a question, such as 'how many chairs are in the kitchen' (docs/query.md).
+
+        A plain phrase is answered by `query`, and so is a sentence that the grammar does not cover: the note says so.
+
+        Parameters
+        ----------
+        viewpoint : (3,), optional
+            Where one looks from, frame map, metres, for `left of` and the like, and for `nearest`.
+        """
+        from uppm.map.answer import Answerer, Reply
+        from uppm.map.question import is_question, parse
+
+        if self._tag is None or not is_question(text) or self._is_name(self._lemmatize(text)):
+            return Reply(text=text, plain=self.query(text, limit))
+        question = parse(text, self._tag)
+        if question is None:
+            return Reply(text=text, plain=self.query(text, limit), note="not understood, searched as a plain phrase")
+        place = None if viewpoint is None else self._scene.upright(np.asarray(viewpoint, dtype=np.float64))
+        answerer = Answerer(
+            lambda n: self._ranked(self._lemmatize(n)), self.objects, self._scene, self._lemmatize, place
+        )
+        found, note = answerer.answer(question)
+        return Reply(
+            text=text,
+            understood=str(question),
+            results=tuple(found[:limit]),
+            count=len(found),
+            counting=question.count,
+            note=note,
+        )
+
+    @cached_property
+    def _scene(self) -> Scene:
+        from uppm.map.scene import Scene
+
+        return Scene(self)
+
+    def _ranked(self, phrase: str) -> list[Answer]:
+        vector = self._encoder.encode([phrase])[0]
+        believed = [s for s in self.submaps if s.state is not SubmapState.TENTATIVE]
+        return rank(phrase, vector, believed, self.label_embeddings, self._category_embeddings)
+
+    def _is_name(self, phrase: str) -> bool:
+        """A label or a category is called so, `orange juice` say: then it is no question."""
+        names = {plain_name(category.name) for category in unified_categories()}
+        return phrase in names or any(
+            phrase == r.text for s in self.submaps if s.descriptor for r in s.descriptor.labels
+        )
 
     @cached_property
     def _encoder(self) -> TextEncoder:

@@ -43,7 +43,7 @@ def tokenize(caption: str) -> list[str]:
 
 def noun_phrases(words: Sequence[str]) -> list[Phrase]:
     """All noun phrases, in order; what `of` joins is still apart."""
-    tags = _mended(words, tagger().tag(words))
+    tags = pos_tags(words)
     found: list[Phrase] = []
     position = 0
     while position < len(words):
@@ -52,6 +52,11 @@ def noun_phrases(words: Sequence[str]) -> list[Phrase]:
             found.append(_phrase(words, tags, position, end))
         position = max(end, position + 1)
     return found
+
+
+def pos_tags(words: Sequence[str]) -> list[str]:
+    """A Penn Treebank tag for each word of a caption or question."""
+    return _mended(words, tagger().tag(words))
 
 
 def _mended(words: Sequence[str], tags: list[str]) -> list[str]:
