@@ -73,7 +73,7 @@ def occupancy_grid(panoptic: PanopticMap, resolution: float = 0.05) -> Occupancy
         The map has no surface, or would need more than 400 million cells.
     """
     rotation = np.eye(4)
-    rotation[:3, :3] = _upright(panoptic.up)
+    rotation[:3, :3] = upright(panoptic.up)
     solid = [s for s in panoptic.submaps if s.kind is not SubmapKind.FREESPACE and s.state is not SubmapState.TENTATIVE]
     points = {s.id: transform(rotation, _dense(panoptic.submap_mesh(s.id), resolution)) for s in solid}
     seen = np.concatenate([np.empty((0, 3)), *points.values()])
@@ -136,7 +136,7 @@ def _forget_pockets(grid: OccupancyGrid) -> None:
     grid.state[small[parts]] = UNKNOWN
 
 
-def _upright(up: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def upright(up: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """Rotation (3, 3) that takes `up` to +z by the shortest way."""
     axis, cosine = np.cross(up, [0.0, 0.0, 1.0]), float(up[2])
     if cosine < -0.999999:

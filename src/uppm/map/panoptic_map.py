@@ -215,6 +215,11 @@ class PanopticMap:
             note=note,
         )
 
+    @property
+    def rooms(self) -> dict[int, str]:
+        """Room -> its kind by what is in it (`kitchen`); rooms of no known kind are left out (docs/query.md)."""
+        return dict(self._scene.room_names)
+
     @cached_property
     def _scene(self) -> Scene:
         from uppm.map.scene import Scene
