@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
-from tests.map.scenes import CHAIR, CUP, Points, blocks_of, box, checkpoint_of, label_of, submap_of
+from tests.map.scenes import CHAIR, CUP, blocks_of, box, checkpoint_of, label_of, submap_of
 from uppm.core.categories import category_by_name
 from uppm.core.types import DynamicDescriptor, Submap, VoxelBlocks
 from uppm.map.panoptic_map import PanopticMap
@@ -70,17 +71,17 @@ class Axes:
     def __init__(self) -> None:
         self._words: dict[str, int] = {}
 
-    def encode(self, texts: list[str]) -> npt.NDArray[np.float32]:
+    def encode(self, texts: Sequence[str]) -> npt.NDArray[np.float32]:
         out = np.zeros((len(texts), 500), dtype=np.float32)
         for row, text in zip(out, texts, strict=True):
             row[self._words.setdefault(text, len(self._words))] = 1
         return out
 
 
-def colored(id_: int, low: Points, high: Points) -> tuple[VoxelBlocks, list[list[float]]]:
-    blocks = blocks_of(box(low, high), low - 0.1, high + 0.1, 0.02)
+def colored(id_: int, low: Sequence[float], high: Sequence[float]) -> VoxelBlocks:
+    blocks = blocks_of(box(low, high), [v - 0.1 for v in low], [v + 0.1 for v in high], 0.02)
     blocks.color[:] = COLORS[id_]
-    return blocks, [low.tolist(), high.tolist()]
+    return blocks
 
 
 @pytest.fixture
@@ -95,8 +96,8 @@ def panoptic(tmp_path: Path) -> PanopticMap:
     submaps: list[Submap] = []
     changed: dict[int, VoxelBlocks] = {}
     for id_, (label, category, low, high) in boxes.items():
-        changed[id_], bounds = colored(id_, np.array(low), np.array(high))
-        submap = submap_of(id_, category, bounds=bounds)
+        changed[id_] = colored(id_, low, high)
+        submap = submap_of(id_, category, bounds=(low, high))
         object.__setattr__(submap, "T_map_submap", np.eye(4))
         descriptor = DynamicDescriptor(labels=(label_of(label, 5, category),), category=category, confidence=1.0)
         object.__setattr__(submap, "descriptor", descriptor)
