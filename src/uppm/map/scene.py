@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
@@ -99,7 +98,7 @@ class Scene:
     @cached_property
     def room_names(self) -> dict[int, str]:
         """Room -> what kind it is by the objects in it; rooms without a sign have no name."""
-        votes: dict[int, Counter[str]] = {}
+        votes: dict[int, dict[str, float]] = {}
         for submap in self._map.objects:
             body = self.placed(submap)
             if body is None or not body.room or submap.descriptor is None:
@@ -107,8 +106,9 @@ class Scene:
             for name, signs in ROOM_SIGNS.items():
                 weight = signs.get(submap.descriptor.category.name, 0)
                 if weight:
-                    votes.setdefault(body.room, Counter())[name] += weight
-        return {room: counter.most_common(1)[0][0] for room, counter in votes.items()}
+                    own = votes.setdefault(body.room, {})
+                    own[name] = own.get(name, 0.0) + weight
+        return {room: max(own, key=lambda name: own[name]) for room, own in votes.items()}
 
     @cached_property
     def _plan(self) -> tuple[Labels, npt.NDArray[np.float64]]:
