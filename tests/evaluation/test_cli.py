@@ -13,6 +13,7 @@ from uppm.cli.evaluate import evaluate_app
 from uppm.core.errors import InputError
 
 KEYS = {
+    "accuracy_along_normal_cm",
     *("accuracy_cm", "completeness_cm", "chamfer_l1_cm", "chamfer_l1_half_cm", "chamfer_squared_cm2", "chamfer_cm"),
     *(
         "hausdorff_cm",

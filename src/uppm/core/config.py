@@ -210,8 +210,7 @@ class RetrievalConfig(Section):
     """Semantic retrieval (paper section 3.2.2)."""
 
     method: Literal["paper", "uppm", "labels"] = "uppm"
-    """paper: nearest category name (equation 1); uppm: prototypes of each category, docs/retrieval.md; labels: each
-    label is a category of its own, of one size (the paper's PPM, section 4.6)."""
+    """paper: nearest name (equation 1); uppm: prototypes; labels: each a category of its own (PPM, section 4.6)."""
 
 
 class FusionConfig(Section):
@@ -252,8 +251,7 @@ class FusionConfig(Section):
     min_cosine: float = Field(default=0.5, ge=-1, lt=1)
     """Two categories are compatible where their embeddings agree at least so much."""
     certain_iou: float = Field(default=0.5, ge=0, le=1)
-    """With `compatible`: IoU from which a segment joins a submap whatever the two are called; over one half, no other
-    segment has it."""
+    """With `compatible`: IoU, if over `min_iou`, from which a segment joins a submap whatever the two are called."""
     min_containment: float | None = Field(default=0.6, ge=0, le=1)
     """Share of a segment on one submap's surface at which it joins it though its IoU is low; None: never."""
     min_area: float = Field(default=12.0, ge=0)

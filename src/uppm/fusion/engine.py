@@ -66,9 +66,8 @@ class PanopticFusion:
 
     def __init__(self, config: FusionConfig, similarity: npt.NDArray[np.float32]) -> None:
         self._config = config
-        self._policy = tracking.CategoryPolicy(
-            config.category_policy, config.min_cosine, similarity, config.certain_iou
-        )
+        certain = max(config.certain_iou, config.min_iou)
+        self._policy = tracking.CategoryPolicy(config.category_policy, config.min_cosine, similarity, certain)
         self._threads = min(config.threads, numba_config.NUMBA_NUM_THREADS)  # pyright: ignore[reportAttributeAccessIssue]
         self._views = ViewFactory(config.depth_min, config.depth_max, along_normal=config.distance == "normal")
         max_step = config.interpolation_max_step if config.interpolation == "bilinear" else 0.0

@@ -49,11 +49,11 @@ def read_descriptions(file: Path) -> dict[str, list[str]]:
 
 def embed_descriptions(descriptions: Sequence[Sequence[str]]) -> npt.NDArray[np.float32]:
     """(K, D, 512): unit vectors of K tags' D descriptions. Run once, on the CPU."""
-    from transformers import AutoTokenizer, CLIPTextModelWithProjection
+    from transformers import CLIPTextModelWithProjection, CLIPTokenizerFast  # pyright: ignore[reportAttributeAccessIssue]
 
     weights = Weights(name=CLIP, folder=model_folder(CLIP))
     encoder: Any = weights.pretrained(CLIPTextModelWithProjection).eval()
-    tokenizer = AutoTokenizer.from_pretrained(weights.folder, local_files_only=True)
+    tokenizer = CLIPTokenizerFast.from_pretrained(weights.folder, local_files_only=True)
     rows: list[npt.NDArray[np.float32]] = []
     with torch.inference_mode():
         for texts in descriptions:
