@@ -125,7 +125,8 @@ def test_a_checkpoint_with_other_names_or_shapes_is_refused_by_key(folder: Path,
 def test_the_tagging_head_s_old_name_is_known(folder: Path, models: Path) -> None:
     state = torch.load(folder / "tag2text_swin_14m.pth", weights_only=True)["model"]
     write_checkpoint(models, {key.replace("tagging_head", "vision_multi"): value for key, value in state.items()})
-    tag2text.load(Weights(name=NAME, folder=folder))
+    loaded = tag2text.load(Weights(name=NAME, folder=folder))
+    assert loaded is not None
 
 
 @pytest.mark.parametrize("content", [b"", b"no checkpoint", b"PK\x03\x04"])
