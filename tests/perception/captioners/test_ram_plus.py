@@ -33,6 +33,10 @@ def golden(name: str, seed: int) -> npt.NDArray[Any]:
 
 @pytest.fixture
 def folder(models: Path) -> Path:
+    return write_checkpoint(models)
+
+
+def write_checkpoint(models: Path) -> Path:
     """A folder as the published one, with the tiny network's weights and forty tags."""
     folder = seeded.write_folder(models, NAME, SIZES)
     size = ram_plus.read_architecture(folder, ram_plus.RamPlusSize())
