@@ -15,7 +15,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import minimize
 
-from uppm.core.types import DynamicDescriptor, LabelRecord, Provenance, Submap, SubmapKind, SubmapState
+from uppm.bench.query import labeled_submap
+from uppm.core.types import Submap
 from uppm.map import query
 from uppm.perception.labels.lemma import lemmatize
 from uppm.perception.retrieval.category import PrototypeRetriever, category_vectors
@@ -35,52 +36,30 @@ def read_queries(name: str) -> tuple[list[str], list[tuple[str, frozenset[str]]]
 def make_submaps(labels: list[str], encoder: LabelEmbeddings) -> list[Submap]:
     """One submap a label, seen with this label only."""
     categories = PrototypeRetriever(encoder).retrieve(labels)
-    submaps = []
-    for number, (label, category) in enumerate(zip(labels, categories, strict=True), 1):
-        record = LabelRecord(
-            text=label,
-            category=category.id,
-            count=1,
-            weight=1.0,
-            provenance=(Provenance.DETECTOR,),
-            first_frame=0,
-            last_frame=0,
-        )
-        submap = Submap(
-            id=number,
-            kind=SubmapKind.OBJECT,
-            state=SubmapState.CONFIRMED,
-            descriptor=DynamicDescriptor(labels=(record,), category=category, confidence=1.0),
-            voxel_size=category.voxel_size,
-            truncation=2 * category.voxel_size,
-            T_map_submap=np.eye(4),
-            first_frame=0,
-            last_frame=0,
-            views=1,
-            misses=0,
-            evidence=1.0,
-            bounds=np.zeros((2, 3)),
-        )
-        submaps.append(submap)
-    return submaps
+    return [
+        labeled_submap(number, category, [label], [1.0])
+        for number, (label, category) in enumerate(zip(labels, categories, strict=True), 1)
+    ]
+
+
+def make_index(labels: list[str], encoder: LabelEmbeddings) -> query.SearchIndex:
+    """Of a map with these labels."""
+    known = dict(zip(labels, encoder.encode(labels), strict=True))
+    return query.SearchIndex(make_submaps(labels, encoder), known, category_vectors())
 
 
 def pairs(name: str, encoder: LabelEmbeddings) -> tuple[npt.NDArray[np.float64], ...]:
     """Features (P, 3) with the constant first, truth (P,) and weight (P,) of all pairs of a list."""
     labels, queries = read_queries(name)
-    submaps, vectors = make_submaps(labels, encoder), category_vectors()
-    known = dict(zip(labels, encoder.encode(labels), strict=True))
+    index = make_index(labels, encoder)
     rows, truth, weight = [], [], []
     for text, right in queries:
         phrase = lemmatize(text)
-        vector = encoder.encode([phrase])[0]
-        fits = {key: float((own @ vector).max()) for key, own in vectors.items()}
-        for submap, label in zip(submaps, labels, strict=True):
-            assert submap.descriptor is not None
-            rows.append((1.0, *query.evidence(phrase, vector, submap.descriptor, known, fits)[1]))
+        rows.append(index.evidence(phrase, encoder.encode([phrase])[0])[0])
+        for label in labels:
             truth.append(label in right)
             weight.append(1 / len(right) if label in right else 1 / (len(labels) - len(right)))
-    return np.array(rows), np.array(truth, dtype=np.float64), np.array(weight)
+    return np.concatenate(rows), np.array(truth, dtype=np.float64), np.array(weight)
 
 
 def fit(
@@ -98,13 +77,12 @@ def fit(
 def judge(name: str, encoder: LabelEmbeddings) -> dict[str, float | list[tuple[str, str, float]]]:
     """Share of present queries answered right, share of absent ones with nothing found, and the wrong answers."""
     labels, queries = read_queries(name)
-    submaps, vectors = make_submaps(labels, encoder), category_vectors()
-    known = dict(zip(labels, encoder.encode(labels), strict=True))
+    index = make_index(labels, encoder)
     good: dict[bool, list[bool]] = {True: [], False: []}
     wrong = []
     for text, right in queries:
         phrase = lemmatize(text)
-        first = query.rank(phrase, encoder.encode([phrase])[0], submaps, known, vectors)[0]
+        first = index.rank(phrase, encoder.encode([phrase])[0], closest=1)[0]
         good[bool(right)].append(first.found and first.label in right if right else not first.found)
         if not good[bool(right)][-1]:
             wrong.append((text, first.label, round(first.probability, 2)))

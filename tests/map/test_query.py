@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from uppm.core.categories import category_by_name, plain_name, unified_categories
 from uppm.core.errors import UppmError
 from uppm.core.types import DynamicDescriptor, LabelRecord, Provenance, Submap, SubmapKind, SubmapState
-from uppm.map.query import rank
+from uppm.map.query import Answer, SearchIndex
 from uppm.perception.labels.lemma import lemmatize
 from uppm.perception.retrieval.category import PrototypeRetriever, category_vectors
 from uppm.perception.retrieval.embeddings import LabelEmbeddings
@@ -50,6 +51,16 @@ def make_submap(number: int, category: str, **weights: float) -> Submap:
         evidence=1.0,
         bounds=np.zeros((2, 3)),
     )
+
+
+def rank(
+    phrase: str,
+    vector: np.ndarray,
+    submaps: Sequence[Submap],
+    labels: Mapping[str, np.ndarray],
+    categories: Mapping[int, np.ndarray],
+) -> list[Answer]:
+    return SearchIndex(submaps, labels, categories).rank(phrase, vector)
 
 
 def unit(*values: float) -> np.ndarray:
@@ -109,6 +120,15 @@ def test_submaps_without_labels_are_no_answers_and_equals_go_by_id() -> None:
     answers = rank("cup", VECTORS["cup"], submaps, VECTORS, CATEGORIES)
     assert [answer.submap.id for answer in answers] == [2, 4]
     assert rank("cup", VECTORS["cup"], [], VECTORS, CATEGORIES) == []
+
+
+def test_only_what_is_asked_for_is_listed() -> None:
+    submaps = [make_submap(n, name, **{name: 1}) for n, name in enumerate(("cup", "chair", "chair", "couch"), 1)]
+    index = SearchIndex(submaps, VECTORS, CATEGORIES)
+    assert [a.submap.id for a in index.rank("cup", VECTORS["cup"], closest=3)] == [1, 2, 3]
+    chairs = index.rank("chair", VECTORS["chair"], closest=1)
+    assert [a.submap.id for a in chairs] == [a.submap.id for a in index.rank("chair", VECTORS["chair"]) if a.found]
+    assert [a.submap.id for a in chairs[:2]] == [2, 3]
 
 
 def test_plain_names_differ() -> None:

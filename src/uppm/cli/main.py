@@ -10,6 +10,7 @@ import typer
 
 from uppm.cli.bench import bench_app
 from uppm.cli.bench_ablation import bench_ablation_command
+from uppm.cli.bench_query import bench_query_command
 from uppm.cli.check import check
 from uppm.cli.convert import convert_app
 from uppm.cli.demo import demo
@@ -28,6 +29,7 @@ from uppm.cli.studies import evaluate_ablation_command, evaluate_noise_command
 from uppm.core.errors import UppmError
 
 bench_app.command("ablation")(bench_ablation_command)
+bench_app.command("query")(bench_query_command)
 evaluate_app.command("sequence")(evaluate_sequence_command)
 evaluate_app.command("segmentation")(evaluate_segmentation_command)
 evaluate_app.command("query")(evaluate_query_command)

@@ -27,7 +27,7 @@ NEEDS_NO_ROOM = ("on", "under", "above", "below", "in", "against")
 """Relations that no wall comes between."""
 
 Search = Callable[[str], Sequence[Answer]]
-"""Noun -> all submaps, the most probable first."""
+"""Noun -> the submaps that are found, the most probable first; where none is, what comes closest."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -15,7 +15,7 @@ from uppm.core.errors import InputError
 from uppm.core.protocols import TextEncoder, VoxelSource
 from uppm.core.types import Change, FrameRecord, Mesh, Report, Submap, SubmapKind, SubmapState, VoxelBlocks
 from uppm.map.palette import submap_color
-from uppm.map.query import Answer, rank
+from uppm.map.query import Answer, SearchIndex
 from uppm.map.store import MapMeta, MapReader
 
 if TYPE_CHECKING:
@@ -179,7 +179,7 @@ class PanopticMap:
         phrase = self._lemmatize(text.strip())
         if not phrase:
             raise InputError("query", expected="a phrase such as 'coffee mug'", found=repr(text), advice="name a thing")
-        answers = self._ranked(phrase)
+        answers = self._index.rank(phrase, self._encoder.encode([phrase])[0], closest=limit)
         results = tuple(answer for answer in answers if answer.found)[:limit]
         return QueryResult(text=text, results=results, closest=() if results else tuple(answers[:limit]))
 
@@ -196,15 +196,13 @@ class PanopticMap:
         from uppm.map.answer import Answerer, Reply
         from uppm.map.question import is_question, parse
 
-        if self._tag is None or not is_question(text) or self._is_name(self._lemmatize(text)):
+        if self._tag is None or not is_question(text) or self._lemmatize(text) in self._names:
             return Reply(text=text, plain=self.query(text, limit))
         question = parse(text, self._tag)
         if question is None:
             return Reply(text=text, plain=self.query(text, limit), note="not understood, searched as a plain phrase")
         place = None if viewpoint is None else self._scene.upright(np.asarray(viewpoint, dtype=np.float64))
-        answerer = Answerer(
-            lambda n: self._ranked(self._lemmatize(n)), self.objects, self._scene, self._lemmatize, place
-        )
+        answerer = Answerer(self._ranked, self.objects, self._scene, self._lemmatize, place)
         found, note = answerer.answer(question)
         return Reply(
             text=text,
@@ -226,17 +224,20 @@ class PanopticMap:
 
         return Scene(self)
 
-    def _ranked(self, phrase: str) -> list[Answer]:
-        vector = self._encoder.encode([phrase])[0]
-        believed = [s for s in self.submaps if s.state is not SubmapState.TENTATIVE]
-        return rank(phrase, vector, believed, self.label_embeddings, self._category_embeddings)
+    def _ranked(self, noun: str) -> list[Answer]:
+        phrase = self._lemmatize(noun)
+        return self._index.rank(phrase, self._encoder.encode([phrase])[0], closest=1)
 
-    def _is_name(self, phrase: str) -> bool:
-        """A label or a category is called so, `orange juice` say: then it is no question."""
-        names = {plain_name(category.name) for category in unified_categories()}
-        return phrase in names or any(
-            phrase == r.text for s in self.submaps if s.descriptor for r in s.descriptor.labels
-        )
+    @cached_property
+    def _index(self) -> SearchIndex:
+        believed = [s for s in self.submaps if s.state is not SubmapState.TENTATIVE]
+        return SearchIndex(believed, self.label_embeddings, self._make_categories())
+
+    @cached_property
+    def _names(self) -> frozenset[str]:
+        """What labels and categories are called: `orange juice` is one, and no question."""
+        labels = {r.text for s in self.submaps if s.descriptor for r in s.descriptor.labels}
+        return frozenset(labels | {plain_name(category.name) for category in unified_categories()})
 
     @cached_property
     def _encoder(self) -> TextEncoder:
@@ -244,10 +245,6 @@ class PanopticMap:
             advice = "open it with uppm.open_map, or pass `encoder`"
             raise InputError("query", expected="a map with a text encoder", found="none", advice=advice)
         return self._make_encoder()
-
-    @cached_property
-    def _category_embeddings(self) -> Mapping[int, Vector]:
-        return self._make_categories()
 
     def _encoded_names(self) -> Mapping[int, Vector]:
         categories = unified_categories()

@@ -129,6 +129,6 @@ def _name_vectors() -> npt.NDArray[np.float32]:
 
 @cache
 def category_vectors() -> dict[int, npt.NDArray[np.float32]]:
-    """Category id -> unit vectors (K, D) of its terms and gloss; what `uppm.map.query.rank` compares a query with."""
+    """Category id -> unit vectors (K, D) of its terms and gloss; what `uppm.map.query` compares a query with."""
     vectors = shipped_embeddings()
     return {row.category.id: np.stack([vectors[text] for text in (*row.terms, row.gloss)]) for row in prototypes()}
