@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from uppm.core.types import Frame as Frame
     from uppm.core.types import Intrinsics as Intrinsics
     from uppm.datasets.registry import open_sequence as open_sequence
+    from uppm.live import LiveMapper as LiveMapper
+    from uppm.live import LiveStatistics as LiveStatistics
     from uppm.map.panoptic_map import PanopticMap as PanopticMap
     from uppm.pipeline import Mapper as Mapper
     from uppm.pipeline import map_sequence as map_sequence
@@ -22,6 +24,8 @@ _EXPORTS = {
     "Frame": "uppm.core.types",
     "InputError": "uppm.core.errors",
     "Intrinsics": "uppm.core.types",
+    "LiveMapper": "uppm.live",
+    "LiveStatistics": "uppm.live",
     "Mapper": "uppm.pipeline",
     "PanopticMap": "uppm.map.panoptic_map",
     "UppmError": "uppm.core.errors",

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
+from threading import RLock
 from typing import Any
 
 import numpy as np
@@ -16,10 +17,10 @@ from pydantic import ValidationError
 
 from uppm.core.categories import unified_categories
 from uppm.core.config import Config
-from uppm.core.errors import BadFrameError, ConfigError, InputError
+from uppm.core.errors import BadFrameError, ConfigError, InputError, nothing_usable
 from uppm.core.geometry import invert
 from uppm.core.nulls import NoViewer, Timer
-from uppm.core.parallel import run_ahead
+from uppm.core.parallel import exclusive, run_ahead
 from uppm.core.protocols import FrameSource, FrameViewer, Labeler, Progress, Retriever, Segmenter, TextEncoder
 from uppm.core.types import Checkpoint, Frame, FrameRecord, Mesh, Report, Submap
 from uppm.datasets.registry import open_sequence
@@ -27,7 +28,7 @@ from uppm.fusion.engine import PanopticFusion
 from uppm.map.mesher import MapMesher
 from uppm.map.panoptic_map import PanopticMap
 from uppm.map.store import MapMeta, MapReader, MapWriter, check_free
-from uppm.perception.front_end import FrontEnd, Percept, spread_frames
+from uppm.perception.front_end import FrontEnd, Percept, good_frames, spread_frames
 from uppm.perception.labels.lemma import lemmatize
 from uppm.perception.labels.phrases import pos_tags
 from uppm.perception.registry import create_labeler, create_segmenter, seen_by_camera
@@ -36,11 +37,13 @@ from uppm.perception.retrieval.category import category_vectors
 from uppm.perception.retrieval.embeddings import LabelEmbeddings
 from uppm.perception.segmentation.gravity import estimate_gravity
 
-__all__ = ["Mapper", "compare_maps", "map_sequence", "open_map", "open_sequence", "spread_frames"]
+__all__ = ["Mapper", "compare_maps", "good_frames", "map_sequence", "open_map", "open_sequence", "spread_frames"]
 
 
 class Mapper:
     """Builds a unified promptable panoptic map, frame by frame.
+
+    Any thread may call its methods; `lock` is held while the map changes, and by whoever reads voxels meanwhile.
 
     Parameters
     ----------
@@ -66,6 +69,7 @@ class Mapper:
         viewer: FrameViewer | None = None,
     ) -> None:
         self.config = config or Config()
+        self.lock = RLock()
         self._embeddings = LabelEmbeddings()
         self.front_end = FrontEnd(
             self.config.perception,
@@ -85,6 +89,7 @@ class Mapper:
         self.provenance = {"uppm": version("uppm")}
         """Noted with the map: program version, sequence, and the map's up axis where `prepare` found it."""
 
+    @exclusive
     def prepare(self, frames: Sequence[Frame]) -> None:
         """Let perception look at a few frames spread over the sequence (for gravity, say); optional."""
         self.front_end.prepare(frames)
@@ -99,6 +104,7 @@ class Mapper:
         """
         return self.fuse(frame, self.front_end.perceive(frame))
 
+    @exclusive
     def fuse(self, frame: Frame, percept: Percept) -> npt.NDArray[np.int32]:
         """As `integrate`, of a frame that `front_end` has looked at."""
         self._dropped.update(percept.dropped)
@@ -116,6 +122,7 @@ class Mapper:
         self._viewer.show(frame, submap_ids)
         return submap_ids
 
+    @exclusive
     def skip(self, index: int, reason: str) -> None:
         """Count a frame that cannot be used."""
         self._skip(FrameRecord(index=index, stamp=float("nan"), T_map_camera=None, skipped=reason))
@@ -128,6 +135,7 @@ class Mapper:
         self._records.append(record)
         self._all_records.append(record)
 
+    @exclusive
     def update_poses(self, poses: Mapping[int, npt.NDArray[np.float64]]) -> None:
         """Take over corrected poses, after a loop closure say: submaps move, nothing is fused again.
 
@@ -150,6 +158,7 @@ class Mapper:
         self._records = [corrected.get(r.index, r) for r in self._records]
         self._records += [r for n, r in corrected.items() if n not in pending]
 
+    @exclusive
     def finish(self) -> None:
         """End the session: drop unconfirmed submaps, merge duplicates."""
         with self._timer("finish"):
@@ -160,6 +169,7 @@ class Mapper:
         self.front_end.close()
 
     @property
+    @exclusive
     def report(self) -> Report:
         """What was done and left out so far."""
         return Report(
@@ -170,6 +180,7 @@ class Mapper:
         )
 
     @property
+    @exclusive
     def map(self) -> PanopticMap:
         """The map as it is now. Its voxels are the running fusion's: mesh it before the next frame, or ask again."""
         return PanopticMap(
@@ -182,6 +193,7 @@ class Mapper:
             meta=MapMeta(config=self.config.model_dump_json(), provenance=self.provenance),
         )
 
+    @exclusive
     def meshes(self) -> dict[int, Mesh]:
         """Surfaces by submap id, frame map, freespace left out; what did not change since the last call is kept."""
         return self._mesher.update(self._fusion.submaps(), self._fusion)
@@ -190,6 +202,7 @@ class Mapper:
         texts = sorted({r.text for s in submaps if s.descriptor for r in s.descriptor.labels})
         return dict(zip(texts, self._embeddings.encode(texts), strict=True))
 
+    @exclusive
     def checkpoint(self) -> Checkpoint:
         """What changed since the last checkpoint."""
         submaps = self._fusion.submaps()
@@ -336,9 +349,7 @@ def _run(mapper: Mapper, source: FrameSource, first: int, writer: MapWriter, pro
         if (position + 1) % every == 0 and position + 1 < total and mapper.report.frames:
             writer.checkpoint(mapper.checkpoint())
     if not mapper.report.frames:
-        found = ", ".join(f"{count} with {reason}" for reason, count in mapper.report.skipped.items())
-        advice = "see what `uppm check` says of the sequence"
-        raise InputError(source.name, expected="frames that can be used", found=found, advice=advice)
+        raise nothing_usable(source.name, mapper.report.skipped, "see what `uppm check` says of the sequence")
     mapper.finish()
     # The last checkpoint follows `finish`, so that a map with all its frames is a finished one.
     writer.checkpoint(mapper.checkpoint())
@@ -387,10 +398,3 @@ def compare_maps(old_path: str | Path, path: str | Path, source: FrameSource, *,
             writer.note(key, value)
         writer.record_changes(changes)
     return open_map(path)
-
-
-def good_frames(source: FrameSource) -> Iterator[Frame]:
-    """The frames of a sequence that can be used."""
-    for position in range(len(source)):
-        with suppress(BadFrameError):
-            yield source.frame(position)

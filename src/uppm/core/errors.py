@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 
@@ -42,3 +43,9 @@ class MissingExtraError(UppmError, ImportError):
 
     def __init__(self, what: str, command: str) -> None:
         super().__init__(f"{what} is not installed; run: {command}")
+
+
+def nothing_usable(source: str, skipped: Mapping[str, int], advice: str) -> InputError:
+    """The error of a sequence without a frame that can be mapped; skipped: reason -> frames."""
+    found = ", ".join(f"{count} with {reason}" for reason, count in skipped.items()) or "none"
+    return InputError(source, expected="frames that can be used", found=found, advice=advice)

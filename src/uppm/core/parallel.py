@@ -1,14 +1,37 @@
-"""Work on the next item while the last one is used."""
+"""Work on the next item while the last one is used; methods that one thread at a time runs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
-from typing import TypeVar
+from functools import partial, wraps
+from threading import RLock
+from typing import Concatenate, ParamSpec, Protocol, TypeVar
+
+
+class Locked(Protocol):
+    """An object with a lock of its own."""
+
+    lock: RLock
+
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+Arguments = ParamSpec("Arguments")
+Owner = TypeVar("Owner", bound=Locked)
+
+
+def exclusive(
+    method: Callable[Concatenate[Owner, Arguments], Result],
+) -> Callable[Concatenate[Owner, Arguments], Result]:
+    """Let a method hold its object's lock while it runs."""
+
+    @wraps(method)
+    def holding(self: Owner, *args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
+        with self.lock:
+            return method(self, *args, **kwargs)
+
+    return holding
 
 
 def run_ahead(

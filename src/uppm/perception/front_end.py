@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from threading import RLock
 
 import numpy as np
 
 from uppm.core.config import PerceptionConfig
 from uppm.core.errors import BadFrameError
 from uppm.core.nulls import Timer
+from uppm.core.parallel import exclusive
 from uppm.core.protocols import Closable, FrameSource, Labeler, Retriever, Segmenter
 from uppm.core.types import DescribedSegmentation, Frame
 from uppm.perception.describe import describe
@@ -38,22 +40,29 @@ class Percept:
 
 
 class FrontEnd:
-    """Labels, segments and categories of each frame. It never looks at the map, so that it may run ahead of fusion."""
+    """Labels, segments and categories of each frame. It never looks at the map, so that it may run ahead of fusion.
+
+    One frame after another, from whatever thread: networks and the choice of keyframes are of one frame at a time.
+    """
 
     def __init__(self, config: PerceptionConfig, labeler: Labeler, segmenter: Segmenter, retriever: Retriever) -> None:
+        self.lock = RLock()
         self._labeler, self._segmenter, self._retriever = labeler, segmenter, retriever
         self._sharpness = SharpnessJudge(config.min_sharpness if config.skip_blurry else 0.0)
         self._keyframes = KeyframePolicy(config)
 
+    @exclusive
     def prepare(self, frames: Sequence[Frame]) -> None:
         """Look at a few frames spread over the sequence."""
         self._segmenter.prepare(frames)
         self._sharpness.prepare(frames)
 
+    @exclusive
     def restart(self) -> None:
         """Make the next frame a keyframe: what follows does not depend on the frames before."""
         self._keyframes.restart()
 
+    @exclusive
     def perceive(self, frame: Frame) -> Percept:
         """Everything that fusion needs to know of a frame."""
         timer = Timer()
@@ -74,6 +83,7 @@ class FrontEnd:
         dropped.update(segmentation.dropped)
         return Percept(segmentation=described, dropped=dropped, seconds=timer.seconds)
 
+    @exclusive
     def close(self) -> None:
         """Release the networks; another frame would load them again."""
         for part in (self._labeler, self._segmenter):
@@ -88,3 +98,10 @@ def spread_frames(source: FrameSource, count: int = PREPARE_FRAMES) -> list[Fram
         with suppress(BadFrameError):
             frames.append(source.frame(position))
     return frames
+
+
+def good_frames(source: FrameSource) -> Iterator[Frame]:
+    """The frames of a sequence that can be used."""
+    for position in range(len(source)):
+        with suppress(BadFrameError):
+            yield source.frame(position)
