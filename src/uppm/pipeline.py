@@ -298,7 +298,7 @@ def map_sequence(
 def _resumed(source: FrameSource, path: str | Path, viewer: FrameViewer | None) -> tuple[Mapper, MapWriter, int]:
     """The mapper and writer of a map at its last checkpoint, and the position of the next frame."""
     saved = MapReader.open(path)
-    _check_same(saved.meta, source, path)
+    check_same(saved.meta, source, path)
     mapper, first = Mapper(saved_config(saved.meta), viewer=viewer), len(saved.frames())
     if first < len(source):
         mapper.prepare(spread_frames(source))
@@ -317,7 +317,7 @@ def saved_config(meta: MapMeta) -> Config:
         raise ConfigError("the map's configuration", expected=expected, found=found, advice=advice) from None
 
 
-def _check_same(meta: MapMeta, source: FrameSource, path: str | Path) -> None:
+def check_same(meta: MapMeta, source: FrameSource, path: str | Path) -> None:
     made_of = (meta.provenance.get("sequence"), meta.provenance.get("frames"))
     if made_of != (source.name, str(len(source))):
         raise InputError(
@@ -376,7 +376,7 @@ def compare_maps(old_path: str | Path, path: str | Path, source: FrameSource, *,
     from uppm.fusion.tracking import CategoryPolicy
 
     old, new = open_map(old_path), open_map(path)
-    _check_same(new.meta, source, path)
+    check_same(new.meta, source, path)
     settings, T, notes = saved_config(new.meta).fusion, np.eye(4), {"onto": str(old_path)}
     if align:
         found = register(old.mesh(), new.mesh())

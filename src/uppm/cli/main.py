@@ -26,6 +26,7 @@ from uppm.cli.map import map_command
 from uppm.cli.models import models_app
 from uppm.cli.query import query
 from uppm.cli.studies import evaluate_ablation_command, evaluate_noise_command
+from uppm.cli.view import view
 from uppm.core.errors import UppmError
 
 bench_app.command("ablation")(bench_ablation_command)
@@ -41,6 +42,7 @@ app.command()(check)
 app.command()(info)
 app.command()(query)
 app.command()(export)
+app.command()(view)
 app.command()(demo)
 app.add_typer(evaluate_app, name="evaluate")
 app.add_typer(bench_app, name="bench")

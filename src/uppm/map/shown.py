@@ -1,0 +1,87 @@
+"""A map as viewers show it: its submaps with their facts and colours, freespace as points, the camera's way."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from uppm.core.categories import plain_name
+from uppm.core.geometry import transform
+from uppm.core.shown import CHANGE_COLORS, CONFIDENCE_COLORS, UNKNOWN_COLOR, Color, Content, Shown
+from uppm.core.types import Change, FrameRecord, Mesh, Submap, SubmapKind, SubmapState, VoxelBlocks
+from uppm.map.palette import submap_color
+from uppm.map.panoptic_map import PanopticMap, change_dict, submap_dict
+
+UNLABELED = "unlabeled"
+"""Stands for the category of submaps without a descriptor."""
+
+
+def content_of(panoptic: PanopticMap, title: str) -> Content:
+    """Everything of a map that is shown; meshes it."""
+    believed = [s for s in panoptic.submaps if s.state is not SubmapState.TENTATIVE]
+    free = [_free_centers(s, panoptic.blocks(s.id)) for s in believed if s.kind is SubmapKind.FREESPACE]
+    return Content(
+        title=title,
+        up=panoptic.up,
+        shown=shown_submaps(believed, {s.id: panoptic.submap_mesh(s.id) for s in believed}, panoptic.changes),
+        free=np.concatenate([np.empty((0, 3), dtype=np.float32), *free]),
+        path=camera_path(panoptic.frames),
+        gone=tuple(change_dict(change) for change in panoptic.changes if change.id_new is None),
+    )
+
+
+def shown_submaps(
+    submaps: Sequence[Submap], meshes: Mapping[int, Mesh], changes: Sequence[Change] = ()
+) -> tuple[Shown, ...]:
+    """The submaps that are believed and have a surface, by id."""
+    became = {change.id_new: change for change in changes if change.id_new is not None}
+    return tuple(
+        _shown(s, meshes[s.id], became.get(s.id))
+        for s in sorted(submaps, key=lambda s: s.id)
+        if s.state is not SubmapState.TENTATIVE and s.id in meshes and len(meshes[s.id].faces)
+    )
+
+
+def camera_path(frames: Sequence[FrameRecord]) -> tuple[tuple[int, npt.NDArray[np.float64]], ...]:
+    """Index and T_map_camera (4, 4) of each frame that was integrated, in order."""
+    used = [(f.index, f.T_map_camera) for f in frames if f.T_map_camera is not None and not f.skipped]
+    return tuple(sorted(used, key=lambda item: item[0]))
+
+
+def confidence_color(confidence: float) -> Color:
+    """Colour of a confidence from 0 to 1."""
+    channels = zip(*CONFIDENCE_COLORS, strict=True)
+    r, g, b = (round(float(np.interp(confidence, (0.0, 0.5, 1.0), channel))) for channel in channels)
+    return r, g, b
+
+
+def _shown(submap: Submap, mesh: Mesh, change: Change | None) -> Shown:
+    descriptor = submap.descriptor
+    category = descriptor.category if descriptor else None
+    plain = plain_name(category.name) if category else ""
+    called = submap.kind is SubmapKind.OBJECT and descriptor is not None and descriptor.labels
+    name = called[0].text if called else plain or UNLABELED
+    facts: dict[str, Any] = submap_dict(submap) | {
+        "name": name,
+        "category": category.name if category else UNLABELED,
+        "plain_category": plain,
+        "supercategory": category.supercategory if category else "",
+        "views": submap.views,
+        "change": change_dict(change) if change else None,
+    }
+    colors = {
+        "instance": submap_color(submap, "instance"),
+        "category": submap_color(submap, "category"),
+        "confidence": confidence_color(descriptor.confidence) if descriptor else UNKNOWN_COLOR,
+        "change": CHANGE_COLORS[change.state.value] if change else UNKNOWN_COLOR,
+    }
+    return Shown(submap=submap, mesh=mesh, name=name, facts=facts, colors=colors)
+
+
+def _free_centers(submap: Submap, blocks: VoxelBlocks) -> npt.NDArray[np.float32]:
+    block, *voxel = np.nonzero((blocks.weight > 0) & (blocks.distance > 0))
+    at = (8 * blocks.coords[block] + np.stack(voxel, axis=1) + 0.5) * submap.voxel_size
+    return transform(submap.T_map_submap, at).astype(np.float32)
