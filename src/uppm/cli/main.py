@@ -25,6 +25,7 @@ from uppm.cli.info import info
 from uppm.cli.map import map_command
 from uppm.cli.models import models_app
 from uppm.cli.query import query
+from uppm.cli.render import render
 from uppm.cli.studies import evaluate_ablation_command, evaluate_noise_command
 from uppm.cli.view import view
 from uppm.core.errors import UppmError
@@ -43,6 +44,7 @@ app.command()(info)
 app.command()(query)
 app.command()(export)
 app.command()(view)
+app.command()(render)
 app.command()(demo)
 app.add_typer(evaluate_app, name="evaluate")
 app.add_typer(bench_app, name="bench")

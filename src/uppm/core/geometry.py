@@ -63,3 +63,16 @@ def project(points: npt.NDArray[np.floating], intrinsics: Intrinsics) -> npt.NDA
 def rotation_angle(T_a_b: Pose) -> float:
     """Angle of a pose's rotation, radians."""
     return float(np.arccos(np.clip((np.trace(T_a_b[:3, :3]) - 1) / 2, -1, 1)))
+
+
+def resized(intrinsics: Intrinsics, width: int, height: int) -> Intrinsics:
+    """The same camera with images of another size; pixel centres are integers."""
+    across, down = width / intrinsics.width, height / intrinsics.height
+    return Intrinsics(
+        fx=intrinsics.fx * across,
+        fy=intrinsics.fy * down,
+        cx=(intrinsics.cx + 0.5) * across - 0.5,
+        cy=(intrinsics.cy + 0.5) * down - 0.5,
+        width=width,
+        height=height,
+    )

@@ -45,9 +45,9 @@ def write_json(path: Path | str, content: Mapping[str, Any]) -> None:
     write_bytes(path, (json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode())
 
 
-def write_png(path: Path | str, image: npt.NDArray[np.uint8]) -> None:
-    """Write an RGB image (H, W, 3)."""
+def write_png(path: Path | str, image: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]) -> None:
+    """Write an RGB image (H, W, 3), or one channel (H, W), of 8 or 16 bits."""
     import cv2
 
-    encoded = cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1]))[1]
+    encoded = cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1] if image.ndim == 3 else image))[1]
     write_bytes(path, encoded.tobytes())

@@ -10,8 +10,6 @@ import csv
 import io
 import json
 import re
-import shutil
-import tempfile
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -24,6 +22,7 @@ import numpy.typing as npt
 
 from uppm.core.categories import plain_name
 from uppm.core.errors import InputError
+from uppm.core.folders import whole_folder
 
 ADVICE = "see docs/perception.md for COCO's panoptic format"
 MAX_ID = (1 << 16) - 1
@@ -61,18 +60,8 @@ def convert_coco_panoptic(annotations: Path, images: Path | None, output: Path) 
     folder = images or _default_folder(annotations)
     if not folder.is_dir():
         raise InputError(folder, expected="a folder of PNG files", found="no such folder", advice="use --images")
-    if output.exists():
-        raise InputError(output, expected="a new folder", found="an existing one", advice="name another or remove it")
-    if not output.parent.is_dir():
-        raise InputError(output.parent, expected="a folder", found="nothing there", advice="make it or name another")
-    temporary = Path(tempfile.mkdtemp(prefix=f".{output.name}.", dir=output.parent))
-    try:
-        converted = _convert(annotations, document, folder, temporary)
-        temporary.chmod(0o755)  # mkdtemp's folders are the owner's alone
-        temporary.rename(output)
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-    return converted
+    with whole_folder(output) as temporary:
+        return _convert(annotations, document, folder, temporary)
 
 
 def _default_folder(annotations: Path) -> Path:
