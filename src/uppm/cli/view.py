@@ -3,28 +3,39 @@
 from __future__ import annotations
 
 from pathlib import Path
+from threading import Event
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 if TYPE_CHECKING:
     from uppm.core.protocols import FrameSource
+    from uppm.core.shown import Content, Shown
     from uppm.map.panoptic_map import PanopticMap
 
 
 def view(
     path: Annotated[Path, typer.Argument(metavar="MAP", readable=False, help="Map file written by `uppm map`.")],
-    export: Annotated[Path, typer.Option(metavar="HTML", help="Write one file that needs no program.")],
+    export: Annotated[
+        Path | None, typer.Option(metavar="HTML", help="Write one file that needs no program, instead of serving.")
+    ] = None,
     sequence: Annotated[
         Path | None, typer.Option(help="The sequence that the map was made of, for pictures of its objects.")
     ] = None,
+    host: Annotated[str, typer.Option(help="Address to serve at; any but loopback asks for a token.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; the next free one where it is in use.")] = 8080,
 ) -> None:
     """Look at a map: its objects, what is known of them, and answers to prompts."""
+    from uppm.map.shown import content_of
     from uppm.pipeline import open_map
 
     panoptic = open_map(path)
     source = open_source(panoptic, path, sequence) if sequence else None
-    export_page(panoptic, export, path.stem, source)
+    if export:
+        check_name(export)
+        export_page(content_of(panoptic, path.stem), export, source)
+    else:
+        serve(content_of(panoptic, path.stem), source, host, port)
 
 
 def open_source(panoptic: PanopticMap, path: Path, sequence: Path) -> FrameSource:
@@ -36,21 +47,44 @@ def open_source(panoptic: PanopticMap, path: Path, sequence: Path) -> FrameSourc
     return source
 
 
-def export_page(panoptic: PanopticMap, file: Path, title: str, source: FrameSource | None) -> None:
-    """Write a map as one HTML file."""
+def check_name(file: Path) -> None:
+    """Raise `InputError` where a page's name does not end as one."""
     from uppm.core.errors import InputError
-    from uppm.export.files import write_bytes
-    from uppm.map.shown import content_of
-    from uppm.viewer.crops import best_crops
-    from uppm.viewer.html import map_page
 
     if file.suffix.lower() not in (".html", ".htm"):
         expected = "a name ending in .html"
         raise InputError(file, expected=expected, found=repr(file.suffix), advice="name the file so")
-    content = content_of(panoptic, title)
+
+
+def export_page(content: Content, file: Path, source: FrameSource | None) -> None:
+    """Write a map as one HTML file."""
+    from uppm.export.files import write_bytes
+    from uppm.viewer.crops import best_crops
+    from uppm.viewer.html import map_page
+
     crops = {}
     if source is not None:
         found = best_crops({s.submap.id: s.mesh for s in content.shown if s.is_object}, content.path, source)
         crops = {id_: [crop.jpeg() for crop in views] for id_, views in found.items()}
     write_bytes(file, map_page(content, crops).encode())
     typer.echo(str(file))
+
+
+def serve(content: Content, source: FrameSource | None, host: str, port: int) -> None:
+    """Serve a map until the program is interrupted."""
+    from uppm.viewer.crops import best_crops
+    from uppm.viewer.served import ServedMap
+
+    def pictures(shown: Shown) -> list[bytes]:
+        if source is None:
+            return []
+        found = best_crops({shown.submap.id: shown.mesh}, content.path, source)
+        return [crop.jpeg() for crop in found.get(shown.submap.id, ())]
+
+    served = ServedMap(host=host, port=port, pictures=pictures)
+    served.show(content)
+    typer.echo(f"{served.url}  (Ctrl-C ends)")
+    try:
+        Event().wait()
+    except KeyboardInterrupt:
+        served.close()

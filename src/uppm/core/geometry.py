@@ -24,6 +24,13 @@ def transform(T_a_b: Pose, points_b: npt.NDArray[np.floating]) -> npt.NDArray[np
     return points_b @ T_a_b[:3, :3].T + T_a_b[:3, 3]
 
 
+def level_axes(up: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Two level unit vectors (3,) that make a right-handed frame with a unit vector up (3,)."""
+    side = np.cross(up, np.eye(3)[int(np.argmin(np.abs(up)))]).astype(np.float64)
+    side /= np.linalg.norm(side)
+    return side, np.cross(up, side).astype(np.float64)
+
+
 def pose_from_quaternion(translation: npt.ArrayLike, xyzw: npt.ArrayLike) -> Pose:
     """(4, 4) pose of a translation (3,) and a quaternion (4,) in order x, y, z, w, normalised here."""
     q = np.asarray(xyzw, dtype=np.float64)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Literal, get_args
@@ -51,6 +51,21 @@ class Shown:
         return self.submap.kind is SubmapKind.OBJECT
 
 
+@dataclass(frozen=True, kw_only=True)
+class Answers:
+    """What a map answers to a prompt."""
+
+    ids: tuple[int, ...]
+    """Submaps, the best first; none: nothing answers."""
+    said: tuple[str, ...]
+    """How the prompt was understood, why nothing answers, and a line for each answer."""
+
+
+def no_answers(text: str) -> Answers:
+    """Of a map that cannot be asked."""
+    return Answers(ids=(), said=("this map cannot be asked",))
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Content:
     """Everything of a map that is shown."""
@@ -66,3 +81,5 @@ class Content:
     """Index and T_map_camera (4, 4) of each frame that was integrated, in order."""
     gone: tuple[Mapping[str, Any], ...] = ()
     """Of an older map's objects those that this one lacks, for JSON."""
+    ask: Callable[[str], Answers] = no_answers
+    """Answers a prompt; raises `UppmError` where it has no words or the encoder cannot be found."""

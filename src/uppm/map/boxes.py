@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from uppm.core.geometry import level_axes
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OrientedBox:
@@ -40,9 +42,7 @@ def upright_box(points: npt.NDArray[np.floating], up: npt.NDArray[np.float64]) -
     """The upright box of least footprint around points (N, 3), frame map; None for fewer than three points."""
     if len(points) < 3:
         return None
-    side = np.cross(up, np.eye(3)[int(np.argmin(np.abs(up)))])
-    side /= np.linalg.norm(side)
-    frame = np.stack([side, np.cross(up, side), up]).astype(np.float64)
+    frame = np.stack([*level_axes(up), up]).astype(np.float64)
     local = points.astype(np.float64) @ frame.T
     (u, v), (w, h), degrees = cv2.minAreaRect(local[:, :2].astype(np.float32))
     low, high = local[:, 2].min(), local[:, 2].max()

@@ -10,11 +10,13 @@ import numpy.typing as npt
 
 from uppm.core.categories import plain_name
 from uppm.core.geometry import transform
-from uppm.core.shown import CHANGE_COLORS, CONFIDENCE_COLORS, UNKNOWN_COLOR, Color, Content, Shown
+from uppm.core.shown import CHANGE_COLORS, CONFIDENCE_COLORS, UNKNOWN_COLOR, Answers, Color, Content, Shown
 from uppm.core.types import Change, FrameRecord, Mesh, Submap, SubmapKind, SubmapState, VoxelBlocks
 from uppm.map.palette import submap_color
-from uppm.map.panoptic_map import PanopticMap, change_dict, submap_dict
+from uppm.map.panoptic_map import PanopticMap, QueryResult, change_dict, submap_dict
 
+LIMIT = 20
+"""Answers to a prompt."""
 UNLABELED = "unlabeled"
 """Stands for the category of submaps without a descriptor."""
 
@@ -30,7 +32,42 @@ def content_of(panoptic: PanopticMap, title: str) -> Content:
         free=np.concatenate([np.empty((0, 3), dtype=np.float32), *free]),
         path=camera_path(panoptic.frames),
         gone=tuple(change_dict(change) for change in panoptic.changes if change.id_new is None),
+        ask=lambda text: asked(panoptic, text),
     )
+
+
+def live_content(panoptic: PanopticMap, meshes: Mapping[int, Mesh]) -> Content:
+    """A running map as it is now; it answers phrases, but no questions, which would read voxels while they change."""
+    return Content(
+        title="mapping",
+        up=panoptic.up,
+        shown=shown_submaps(panoptic.submaps, meshes),
+        free=np.empty((0, 3), dtype=np.float32),
+        path=camera_path(panoptic.frames),
+        ask=lambda text: _plain(panoptic.query(text, LIMIT)),
+    )
+
+
+def asked(panoptic: PanopticMap, text: str) -> Answers:
+    """What `uppm query` answers."""
+    reply = panoptic.ask(text, LIMIT)
+    note = (reply.note,) if reply.note else ()
+    if reply.plain is not None:
+        answers = _plain(reply.plain)
+        return Answers(ids=answers.ids, said=(*note, *answers.said))
+    found = [f"{f.label} #{f.submap.id}" + (f": {'; '.join(f.reasons)}" if f.reasons else "") for f in reply.results]
+    count = (f"{reply.count} in all",) if reply.counting or (reply.count or 0) > len(found) else ()
+    understood = f"understood as: {reply.understood}"
+    return Answers(ids=tuple(f.submap.id for f in reply.results), said=(understood, *note, *count, *found))
+
+
+def _plain(result: QueryResult) -> Answers:
+    """Of a plain phrase: the answers, or that there is none and what comes closest."""
+    if not result.found:
+        closest = [f"closest: {a.label} #{a.submap.id} ({a.probability:.0%})" for a in result.closest[:1]]
+        return Answers(ids=(), said=("nothing here matches", *closest))
+    said = tuple(f"{a.label} #{a.submap.id} ({a.probability:.0%})" for a in result.results)
+    return Answers(ids=tuple(a.submap.id for a in result.results), said=said)
 
 
 def shown_submaps(
