@@ -29,6 +29,7 @@ def export(
     points: Annotated[Path | None, typer.Option(metavar="PLY", help="Cloud with instance and category.")] = None,
     objects: Annotated[Path | None, typer.Option(metavar="DIR", help="One mesh an object: ID_CATEGORY.ply.")] = None,
     json: Annotated[Path | None, typer.Option(help="Scene description.")] = None,
+    scene_graph: Annotated[Path | None, typer.Option(help="Objects, rooms and relations, JSON.")] = None,
     top_down: Annotated[Path | None, typer.Option(metavar="PNG", help="Picture from above, with names.")] = None,
     view: Annotated[Path | None, typer.Option(metavar="PNG", help="Bird's-eye picture.")] = None,
     occupancy: Annotated[Path | None, typer.Option(metavar="YAML", help="Plan for ROS's map_server.")] = None,
@@ -38,21 +39,19 @@ def export(
     band: Annotated[tuple[float, float], typer.Option(help="Heights over the floor, metres.")] = (0.1, 1.5),
     inflation: Annotated[list[str] | None, typer.Option(metavar="NAME=METRES", help="Of a category.")] = None,
 ) -> None:
-    """Write a map's meshes, clouds, pictures, scene description and navigation grids."""
+    """Write a map's meshes, clouds, pictures, scene description, scene graph and navigation grids."""
     from uppm.pipeline import open_map
 
-    if not any((mesh, points, objects, json, top_down, view, occupancy, costmap, esdf)):
-        wanted = "--mesh, --points, --objects, --json, --top-down, --view, --occupancy, --costmap or --esdf"
+    if not any((mesh, points, objects, json, scene_graph, top_down, view, occupancy, costmap, esdf)):
+        wanted = (
+            "--mesh, --points, --objects, --json, --scene-graph, --top-down, --view, --occupancy, --costmap or --esdf"
+        )
         raise InputError("export", expected=wanted, found="none of them", advice="add one, such as --mesh flat.ply")
     panoptic = open_map(path)
     written = _write_meshes(panoptic, mesh, objects, color.value)
     written += _write_points(panoptic, points)
     written += _write_pictures(panoptic, top_down, view, color.value)
-    if json:
-        from uppm.export.files import write_json
-
-        write_json(json, {**panoptic.to_dict(), "boxes": _boxes(panoptic)})
-        written.append(json)
+    written += _write_scene(panoptic, json, scene_graph)
     written += write_grids(panoptic, occupancy, costmap, esdf, resolution, band, inflation or [])
     for file in written:
         typer.echo(str(file))
@@ -90,6 +89,18 @@ def _mesh_name(submap: Submap) -> str:
 def _meshes(panoptic: PanopticMap, submaps: tuple[Submap, ...] | list[Submap], coloring: str) -> dict[str, Mesh]:
     kind = cast("Literal['color', 'instance', 'category']", coloring)
     return {_mesh_name(s): panoptic.submap_mesh(s.id, kind) for s in submaps if s.kind.value != "freespace"}
+
+
+def _write_scene(panoptic: PanopticMap, description: Path | None, graph: Path | None) -> list[Path]:
+    from uppm.export.files import write_json
+
+    if description:
+        write_json(description, {**panoptic.to_dict(), "boxes": _boxes(panoptic)})
+    if graph:
+        from uppm.map.scene_graph import scene_graph
+
+        write_json(graph, scene_graph(panoptic))
+    return [file for file in (description, graph) if file]
 
 
 def _boxes(panoptic: PanopticMap) -> list[dict[str, Any]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from uppm.core.categories import unified_categories
 from uppm.core.errors import InputError
-from uppm.core.geometry import transform
+from uppm.core.geometry import invert, transform
 from uppm.core.types import Submap, SubmapKind
 from uppm.map.boxes import upright_box
 from uppm.map.colors import color_shares
@@ -40,6 +40,18 @@ ROOM_SIGNS: Mapping[str, Mapping[str, float]] = {
 }
 """Kind of room -> category -> what one object of it says for that kind."""
 ROOM_NAMES = {name: name for name in ROOM_SIGNS} | {"study": "office", "lounge": "living room", "bath": "bathroom"}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Room:
+    """A part of the floor plan between walls and doorways."""
+
+    id: int
+    """From 1, the largest first."""
+    area: float
+    """Square metres."""
+    center: npt.NDArray[np.float64]
+    """(3,): middle of its cells, on the floor, frame map, metres; it may lie outside of a room that is no rectangle."""
 
 
 class Scene:
@@ -111,18 +123,34 @@ class Scene:
         return {room: max(own, key=lambda name: own[name]) for room, own in votes.items()}
 
     @cached_property
-    def _plan(self) -> tuple[Labels, npt.NDArray[np.float64]]:
-        """The room that each cell is nearest to, and where the plan begins (2,), frame upright."""
+    def rooms(self) -> tuple[Room, ...]:
+        """The rooms that the floor plan is divided into, the largest first; none where the map has no walls to tell."""
+        plan, origin, floor = self._rooms
+        found = []
+        for number in range(1, int(plan.max(initial=0)) + 1):
+            cells = np.argwhere(plan == number)
+            middle = np.append(origin + (cells.mean(axis=0) + 0.5) * ROOM_CELL, floor)
+            center = transform(invert(self._rotation), middle)
+            found.append(Room(id=number, area=len(cells) * ROOM_CELL**2, center=center))
+        return tuple(found)
+
+    @cached_property
+    def _rooms(self) -> tuple[Labels, npt.NDArray[np.float64], float]:
+        """The room of each cell, where the plan begins (2,) and the floor's height, frame upright."""
         try:
             grid = occupancy_grid(self._map, ROOM_CELL)
             inside = floor_plan(grid)
         except InputError:  # No surface, or none at that height: no rooms then.
-            return np.zeros((1, 1), dtype=np.int32), np.zeros(2)
-        return nearest_rooms(segment_rooms(inside, ROOM_CELL)), grid.origin[:2]
+            return np.zeros((1, 1), dtype=np.int32), np.zeros(2), 0.0
+        return segment_rooms(inside, ROOM_CELL), grid.origin[:2], grid.floor
+
+    @cached_property
+    def _nearest(self) -> Labels:
+        """The room that each cell is nearest to."""
+        return nearest_rooms(self._rooms[0])
 
     def _room(self, body: Body) -> int:
-        rooms, origin = self._plan
-        return room_of(body.points[:, :2], rooms, origin, ROOM_CELL)
+        return room_of(body.points[:, :2], self._nearest, self._rooms[1], ROOM_CELL)
 
     def _make_body(self, submap: Submap) -> Body | None:
         points = self._map.submap_mesh(submap.id).vertices
