@@ -13,7 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tests.cli.room import NAMES, write_room
-from uppm.bench.curve import growth_curve
+from uppm.bench.curve import growth, growth_curve
 from uppm.bench.fusion import STAGES, VOLUME_STAGES, FusionCase, bench_fusion
 from uppm.bench.open3d_grid import RESOLUTIONS, load_open3d
 from uppm.bench.segments import grid8, segments_of
@@ -147,9 +147,14 @@ def test_the_map_grows_lap_by_lap(room: Path) -> None:
     assert second == pytest.approx(2 * first, rel=0.1)
     assert third == pytest.approx(3 * first, rel=0.1)
     assert (found["frames"], found["peak_memory_mb"]) == (9, max(found["lap_memory_mb"]))
-    assert found["growth_ratio"] == pytest.approx(
-        found["lap_ms_per_frame_median"][2] / found["lap_ms_per_frame_median"][1], rel=0.01
-    )
+    assert found["blocks_growth"] == pytest.approx(3.0, rel=0.1)
+
+
+def test_growth_is_the_last_laps_time_in_the_large_map_to_that_in_the_small() -> None:
+    small, large = Clock(), Clock()
+    small.seconds, small.cpu_seconds = [9.0, 2.0, 4.0, 3.0], [9.0, 1.0, 1.0, 1.0]
+    large.seconds, large.cpu_seconds = [9.0, 6.0, 6.0, 7.0], [9.0, 2.0, 2.0, 2.0]
+    assert growth(small, large, 3) == (2.0, 2.0)
 
 
 def test_figures_are_those_of_the_times() -> None:
@@ -190,7 +195,7 @@ def test_the_command_prints_one_document_or_a_table(room: Path) -> None:
     assert "pip install uppm[bench]" in shown
     curve = CliRunner().invoke(app, [*wanted, "--curve", "2", "--max-memory", "100000"])
     assert curve.exit_code == 0
-    assert "last lap against the second" in curve.stdout
+    assert "times the blocks, in turn with a small one" in curve.stdout
     assert "4 frames, at most" in curve.stdout
     assert CliRunner().invoke(app, [*wanted, "--curve", "2", "--max-memory", "1"]).exit_code == 1
 

@@ -110,7 +110,7 @@ def test_inverted_poses_as_asked(uppm: Uppm, room: Path, map_file: Path, tmp_pat
     assert uppm("map", room, "-o", wrong, *GROUND_TRUTH, "--no-check").code == 0
     found = [json.loads(uppm("info", path, "--json").out)["submaps"] for path in (map_file, right, wrong)]
     floors = [next(s["center"] for s in submaps if s["category"] == "floor-wood") for submaps in found]
-    np.testing.assert_allclose(floors[0][2], floors[1][2], atol=0.02)
+    np.testing.assert_allclose(floors[0][2], floors[1][2], atol=0.06)
     assert abs(floors[0][2] - floors[2][2]) > 0.1
 
 

@@ -77,7 +77,7 @@ def test_what_the_other_box_was_seen_at_goes_over_to_it() -> None:
     across = vertices(fusion, b)
     # The side that was seen before there were two.
     assert (across[:, 1] > 0.18).sum() > 100
-    assert across[:, 0].min() >= -b.voxel_size
+    assert across[:, 0].min() >= -1.01 * b.voxel_size
     assert [s.views for s in (a, b)] == [12, 5]
 
 

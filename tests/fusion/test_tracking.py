@@ -55,13 +55,16 @@ def test_one_segment_over_two_submaps_is_noticed() -> None:
 
 
 def test_a_part_joins_the_whole_that_it_lies_on() -> None:
-    overlap = np.array([[0, 900, 80, 5]])
-    observed = np.array([950, 100, 100])
+    overlap = np.array([[0, 9000, 800, 50]])
+    observed = np.array([9500, 1000, 1000])
     allowed = np.array([[True, True, True]])
     targets = join_contained(np.array([0, NEW, NEW]), overlap, observed, allowed, 0.6)
     np.testing.assert_array_equal(targets, [0, 0, NEW])
     refused = join_contained(np.array([0, NEW, NEW]), overlap, observed, ~allowed, 0.6)
     np.testing.assert_array_equal(refused, [0, NEW, NEW])
+    # The corner of a wall beyond a door, rendered at three pixels of 16: chance.
+    chance = join_contained(np.array([NEW]), np.array([[0, 48]]), np.array([15000]), np.array([[True]]), 0.6)
+    np.testing.assert_array_equal(chance, [NEW])
 
 
 def test_a_category_outside_the_table_goes_with_itself_only() -> None:

@@ -181,8 +181,9 @@ def look_at_slots(pixel, slot_image, shown):
 
 @nb.njit(cache=True)
 def count_belongings(sdf, shown, slot, rest_slot, observed, size, band, belonging, near):
-    """Count whose surface the voxels of a block in the band showed; near[n]: voxel n shows the submap's own colour.
+    """Count whose surface the voxels of a block showed; near[n]: voxel n shows the submap's own colour.
 
+    Voxels count up to one voxel behind the surface: deeper may be the other side of a wall, which is another's.
     belonging (512,): two 8-bit counters as one number, the foreign one times 256; halved together on overflow. A pixel
     without a label says nothing of whose surface it shows, but to the rest, and to an object of which this frame has a
     segment that leaves the pixel out.
@@ -191,7 +192,7 @@ def count_belongings(sdf, shown, slot, rest_slot, observed, size, band, belongin
     silent_rest = np.int32(NO_SLOT if observed or slot == rest_slot else rest_slot)
     for n in range(VOXELS):
         s = sdf[n]
-        inside = (s >= -band) & (s < band)
+        inside = (s >= -size) & (s < band)
         own, unknown = shown[n] == slot, (shown[n] == silent) | (shown[n] == silent_rest)
         yes, no = inside & own, inside & (not own) & (not unknown)
         mine, foreign = np.int32(belonging[n] & 255), np.int32(belonging[n] >> 8)

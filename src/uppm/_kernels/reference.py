@@ -141,7 +141,7 @@ def _update(voxels, images, at, sdf, w, u, v, size, band, slot, max_weight) -> d
         if sdf[n] >= band:
             continue
         counters = out["belonging"][voxel]
-        if ids[n] >= 0:
+        if ids[n] >= 0 and sdf[n] >= -size:
             which = 0 if ids[n] == slot else 1
             if counters[which] == 255:
                 counters >>= 1

@@ -158,8 +158,10 @@ def _print_curves(results: list[dict[str, Any]]) -> None:
         Console().print(table)
         frames, peak, per_block = result["frames"], result["peak_memory_mb"], result["kb_per_block"]
         typer.echo(f"{frames} frames, at most {peak} MB; {per_block} kB a block from the first lap to the last")
-        growth = f"{result['blocks_growth']} times the blocks: {result['growth_ratio']} times the time"
-        typer.echo(f"last lap against the second, {growth}")
+        growth = f"{result['growth_ratio']} times the time ({result['growth_ratio_cpu']} of processor time)"
+        typer.echo(
+            f"one more lap in a map of {result['blocks_growth']} times the blocks, in turn with a small one: {growth}"
+        )
     _print_machine(results[0])
 
 

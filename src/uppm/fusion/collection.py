@@ -32,6 +32,8 @@ class SubmapCollection:
     def __init__(self, volume: Volume, truncation: float) -> None:
         self._volume, self._truncation = volume, truncation
         self._submaps: dict[int, LiveSubmap] = {}
+        self._by_slot: dict[int, LiveSubmap] = {}
+        self._slots: npt.NDArray[np.int32] | None = None
         self._bounds: dict[int, npt.NDArray[np.float64]] = {}
         self.freespace: LiveSubmap | None = None
         self.rest: LiveSubmap | None = None
@@ -54,6 +56,25 @@ class SubmapCollection:
         """All submaps."""
         return self._submaps
 
+    def slots(self) -> npt.NDArray[np.int32]:
+        """Slots (S,) of all submaps, in their order."""
+        if self._slots is None:
+            self._slots = np.fromiter((s.slot for s in self), dtype=np.int32, count=len(self._submaps))
+        return self._slots
+
+    def at(self, slots: npt.NDArray[np.int32]) -> list[LiveSubmap]:
+        """The submaps at these slots, in the order in which they came."""
+        return sorted((self._by_slot[slot] for slot in slots.tolist()), key=lambda s: s.id)
+
+    def _enter(self, submap: LiveSubmap) -> None:
+        self._submaps[submap.id] = self._by_slot[submap.slot] = submap
+        self._slots = None
+
+    def _leave(self, submap: LiveSubmap) -> None:
+        del self._submaps[submap.id], self._by_slot[submap.slot]
+        self._bounds.pop(submap.id, None)
+        self._slots = None
+
     def add(self, kind: SubmapKind, voxel_size: float, frame: int) -> LiveSubmap:
         """A new tentative submap without voxels; voxel_size in metres."""
         truncation = voxel_size * self._truncation
@@ -69,15 +90,16 @@ class SubmapCollection:
             first_frame=frame,
             last_frame=frame,
         )
-        self._submaps[submap.id] = submap
+        self._enter(submap)
         self.next_id += 1
         return submap
 
     def remove(self, submap_id: int, reason: str) -> None:
         """Remove a submap with its voxels, and count why."""
         self.dropped[reason] += 1
-        self._volume.remove(self._submaps.pop(submap_id).slot)
-        self._bounds.pop(submap_id, None)
+        submap = self._submaps[submap_id]
+        self._leave(submap)
+        self._volume.remove(submap.slot)
 
     def resize(self, submap: LiveSubmap, voxel_size: float) -> None:
         """Resample a submap to another voxel size, metres."""
@@ -91,9 +113,8 @@ class SubmapCollection:
     def merge(self, kept: LiveSubmap, other: LiveSubmap) -> LiveSubmap:
         """Make two submaps one; returns the kept one."""
         merging.merge(kept, other, self._volume)
-        del self._submaps[other.id]
-        for submap_id in (kept.id, other.id):
-            self._bounds.pop(submap_id, None)
+        self._leave(other)
+        self._bounds.pop(kept.id, None)
         self.dropped["duplicate submap merged"] += 1
         return kept
 
@@ -109,7 +130,7 @@ class SubmapCollection:
         part = self._part(submap, frame, side)
         part.state = other.state
         merging.merge(other, part, self._volume)
-        del self._submaps[part.id]
+        self._leave(part)
         self._bounds.pop(other.id, None)
         submap.forget_parts()
 
@@ -139,10 +160,8 @@ class SubmapCollection:
 
     def changed(self, blocks: npt.NDArray[np.int32]) -> None:
         """These blocks of the pool were written: bounds of their submaps are to be found again."""
-        slots = set(np.unique(self._volume.pool.block_slot[blocks]).tolist())
-        for submap in self:
-            if submap.slot in slots:
-                self._bounds.pop(submap.id, None)
+        for slot in np.unique(self._volume.pool.block_slot[blocks]).tolist():
+            self._bounds.pop(self._by_slot[slot].id, None)
 
     def forget_bounds(self) -> None:
         """All bounds are to be found again."""
@@ -199,7 +218,7 @@ class SubmapCollection:
         for record in submaps:
             freespace = record.kind is SubmapKind.FREESPACE
             slot = self._volume.add(record.voxel_size, record.truncation, record.T_map_submap, freespace)
-            self._submaps[record.id] = LiveSubmap.of(record, slot)
+            self._enter(LiveSubmap.of(record, slot))
             self._volume.put(slot, source.blocks(record.id))
             if freespace:
                 self.freespace = self._submaps[record.id]

@@ -121,10 +121,9 @@ class PanopticFusion:
 
     def _track(self, view: View, segmentation: DescribedSegmentation) -> Tracks:
         """Render the submaps in view."""
-        slots = np.array([s.slot for s in self._all], dtype=np.int32)
-        visible = self._volume.visible(view, slots)
-        in_view = set(np.unique(self._volume.pool.block_slot[visible.blocks]).tolist())
-        solid = tuple(s for s in self._all if s.descriptor and s.slot in in_view and self._tracked(s))
+        visible = self._volume.visible(view, self._all.slots())
+        in_view = self._all.at(np.unique(self._volume.pool.block_slot[visible.blocks]))
+        solid = tuple(s for s in in_view if s.descriptor and self._tracked(s))
         slots = np.array([s.slot for s in solid], dtype=np.int32)
         n = len(segmentation.descriptors)
         overlap, pixels, depth = self._volume.overlap(view, visible, slots, segmentation.ids, n)
@@ -193,15 +192,16 @@ class PanopticFusion:
     def _miss(self, view: View, tracks: Tracks, seen: Sequence[LiveSubmap | None]) -> list[LiveSubmap]:
         """Negative evidence for objects that were in view and that no segment went to; returns those now inactive."""
         found = {s.id for s in seen if s}
-        unseen = [s for s in self._all if s.id not in found and s.state is not SubmapState.INACTIVE]
-        if self._config.life_cycle == "count":
-            gone = [s for s in unseen if s.descriptor and lifecycle.unseen(s, self._config)]
+        counts = self._config.life_cycle == "count"
+        missing = [s for s in (self._all if counts else tracks.submaps) if s.descriptor and s.id not in found]
+        active = [s for s in missing if s.state is not SubmapState.INACTIVE]
+        if counts:
+            gone = [s for s in active if lifecycle.unseen(s, self._config)]
         else:
-            missing = [s for s in tracks.submaps if s.id not in found and s.kind is SubmapKind.OBJECT]
-            gone = self._contradicted(view, tracks, missing)
+            gone = self._contradicted(view, tracks, [s for s in missing if s.kind is SubmapKind.OBJECT])
         for submap in gone:
             self._all.remove(submap.id, "tentative submap not seen again")
-        return [s for s in unseen if s.state is SubmapState.INACTIVE]
+        return [s for s in active if s.state is SubmapState.INACTIVE]
 
     def _contradicted(self, view: View, tracks: Tracks, missing: Sequence[LiveSubmap]) -> list[LiveSubmap]:
         """Of the objects that are missing in this frame, those that are to be removed."""

@@ -154,21 +154,24 @@ def _agreement(points: npt.NDArray[np.float64], other: LiveSubmap, volume: Volum
     above 20 points and 2 %, as in Panoptic Multi-TSDFs.
     """
     at = transform(invert(other.T_map_submap), points) / other.voxel_size
-    distance, belongs = _look_up(np.floor(at).astype(np.int64), volume.gather(volume.indices(other.slot)))
+    distance, belongs, foreign = _look_up(np.floor(at).astype(np.int64), volume.gather(volume.indices(other.slot)))
     one_voxel = FULL * other.voxel_size / other.truncation
-    conflicts = (belongs & (distance < -one_voxel)).sum()
+    conflicts = (~foreign & (distance < -one_voxel)).sum()
     agrees = (belongs & (np.abs(distance) <= one_voxel)).sum()
     limit = max(MIN_POINTS, MIN_SHARE * len(points))
     return float(agrees / len(points)) if agrees > limit >= conflicts else 0.0
 
 
-def _look_up(voxels: npt.NDArray[np.int64], blocks: VoxelBlocks) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.bool_]]:
-    """Distance (N,) at voxel coordinates (N, 3), and whether a voxel is there and belongs."""
+def _look_up(
+    voxels: npt.NDArray[np.int64], blocks: VoxelBlocks
+) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """Distance (N,) at voxel coordinates (N, 3); whether a voxel belongs; whether it is another's or not observed."""
     row = {tuple(c): n for n, c in enumerate(blocks.coords.tolist())}
     found = np.array([row.get(tuple(c), -1) for c in (voxels // VOXELS_PER_SIDE).tolist()], dtype=np.intp)
     at = (found, *(voxels % VOXELS_PER_SIDE).T)
-    own = blocks.belonging[at]
-    return blocks.distance[at], (found >= 0) & (own[:, 0] > 0) & (own[:, 0] >= own[:, 1])
+    own, known = blocks.belonging[at], (found >= 0) & (blocks.weight[at] > 0)
+    foreign = own[:, 0] < own[:, 1]
+    return blocks.distance[at], known & (own[:, 0] > 0) & ~foreign, ~known | foreign
 
 
 def _fill_one_box(

@@ -13,8 +13,8 @@ from uppm.core.categories import unified_categories
 NEW = -1
 """Target of a segment that no submap accounts for."""
 
-MIN_JOIN_PIXELS = 50
-"""Overlaps of fewer pixels are chance."""
+MIN_JOIN_PIXELS = 200
+"""Overlaps of fewer pixels, a dozen of those that are rendered of a 640x480 image, are chance."""
 
 
 def iou_matrix(overlap: npt.NDArray[np.int64], observed: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:

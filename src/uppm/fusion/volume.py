@@ -83,14 +83,17 @@ class Volume:
             self._grow_slots()
         slot = self._free.pop()
         self._voxel_size[slot], self._truncation[slot] = voxel_size, truncation
-        self._T_map_submap[slot] = T_map_submap
-        self._poses = None
+        self.set_pose(slot, T_map_submap)
         self._freespace = slot if freespace else self._freespace
         return slot
 
     def set_pose(self, slot: int, T_map_submap: npt.NDArray[np.float64]) -> None:
         """Move a submap; its voxels stay as they are in its own frame."""
-        self._T_map_submap[slot], self._poses = T_map_submap, None
+        self._T_map_submap[slot] = T_map_submap
+        if self._poses:
+            view, R, t = self._poses
+            T = view.T_camera_map @ T_map_submap
+            R[slot], t[slot] = T[:3, :3], T[:3, 3]
 
     def _grow_slots(self) -> None:
         n = len(self._head)
@@ -100,10 +103,11 @@ class Volume:
         self._voxel_size = np.concatenate([self._voxel_size, np.zeros(n, dtype=np.float32)])
         self._truncation = np.concatenate([self._truncation, np.zeros(n, dtype=np.float32)])
         self._T_map_submap = np.concatenate([self._T_map_submap, np.tile(np.eye(4), (n, 1, 1))])
+        self._poses = None
         self._free = list(range(2 * n - 1, n - 1, -1))
 
     def _T_camera_submap(self, view: View) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-        if self._poses is None or self._poses[0] is not view or len(self._poses[1]) != len(self._head):
+        if self._poses is None or self._poses[0] is not view:
             T = view.T_camera_map @ self._T_map_submap
             self._poses = view, T[:, :3, :3].astype(np.float32), T[:, :3, 3].astype(np.float32)
         return self._poses[1:]
