@@ -2,53 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from uppm.core.errors import ConfigError
+from uppm.core.profiles import of_profile
 
 PRESETS = ("uppm", "paper", "panmap")
 """Configurations that ship, by name: the defaults, the paper's, and the rules of Panoptic Multi-TSDFs."""
-PROFILES: Mapping[str, Mapping[str, str | None]] = {
-    "foundation": {
-        "captioner": "tag2text",
-        "detector": "grounding_dino",
-        "detector_model": "grounding-dino-tiny",
-        "masks": "sam",
-        "masks_model": "sam-vit-huge",
-    },
-    "foundation-light": {
-        "captioner": "tag2text",
-        "detector": "grounding_dino",
-        "detector_model": "grounding-dino-tiny",
-        "masks": "sam2",
-        "masks_model": "sam2.1-hiera-tiny",
-        "prompts": "joint",
-    },
-    "sam3": {"captioner": "tag2text"},
-    "simulated": {"captioner": "simulated"},
-}
-"""Profile -> its defaults of other settings of `PerceptionConfig`, where they are not those of `embedded`."""
-
-
-def _of_profile(name: str, otherwise: str | None) -> Any:
-    """A default that depends on the profile, so that naming a profile names its back ends.
-
-    Its model of a back end is the default only where the back end is the profile's own.
-    """
-    back_end = name.removesuffix("_model")
-
-    def default(given: dict[str, Any]) -> str | None:
-        profile = PROFILES.get(str(given.get("profile")), {})
-        own = given.get(back_end, profile.get(back_end)) == profile.get(back_end)
-        return profile.get(name, otherwise) if own else otherwise
-
-    return Field(default_factory=default)
 
 
 class Section(BaseModel):
@@ -143,12 +109,14 @@ class PerceptionConfig(Section):
     """Folder of id images for the profile `precomputed`."""
     up: Literal["auto", "+x", "-x", "+y", "-y", "+z", "-z"] = "auto"
     """The map's up axis; auto: from the dominant floor."""
-    captioner: str = _of_profile("captioner", "none")
+    captioner: str = of_profile("captioner", "none")
     """Name in `uppm.perception.registry`, or `none`: the segmenter brings its own vocabulary."""
-    captioner_model: str | None = _of_profile("captioner_model", None)
+    captioner_model: str | None = of_profile("captioner_model", None)
     """Name in `uppm models list`; None: the back end's first there."""
     use_tags: bool = True
     """A captioner's tags become labels too."""
+    use_captions: bool = of_profile("use_captions", True)
+    """A captioner that also gives tags writes a sentence, too; otherwise its tags alone are asked for, faster."""
     skip_blurry: bool = True
     """A frame that its caption calls blurry is skipped, and so is one below `min_sharpness`."""
     min_sharpness: float = Field(default=0.0, ge=0)
@@ -167,15 +135,17 @@ class PerceptionConfig(Section):
     """Of the search for the best caption; 1: greedy."""
     tag_list: Path | None = None
     """Tags of one's own for ram_plus, with their descriptions; None: its own list."""
-    detector: str = _of_profile("detector", "nanodet")
+    detector: str = of_profile("detector", "nanodet")
     """Name in `uppm.perception.registry`."""
-    detector_model: str | None = _of_profile("detector_model", None)
+    detector_model: str | None = of_profile("detector_model", None)
     """Name in `uppm models list`; None: the back end's first there."""
-    masks: str = _of_profile("masks", "geometric")
+    masks: str = of_profile("masks", "geometric")
     """Name in `uppm.perception.registry`."""
-    masks_model: str | None = _of_profile("masks_model", None)
+    masks_model: str | None = of_profile("masks_model", None)
     """Name in `uppm models list`; None: the back end's first there."""
-    segmenter_model: str | None = _of_profile("segmenter_model", None)
+    masks_side: Annotated[int, Field(ge=32, multiple_of=32)] | None = of_profile("masks_side", None)
+    """Pixels a side to which sam2 resizes the image; None: its own 1024."""
+    segmenter_model: str | None = of_profile("segmenter_model", None)
     """Of profiles that are one network, name in `uppm models list`; None: the profile's first there."""
     visual_feature: str = "none"
     """Name in `uppm.perception.registry`, or `none`: what the look of each segment is kept as, beside its labels."""
@@ -188,10 +158,10 @@ class PerceptionConfig(Section):
     compile: bool = False
     """`torch.compile` the torch back ends: minutes at the first frame, faster ones after it."""
     detector_score: float | None = Field(default=None, ge=0, le=1)
-    """Least score of a detection; None: the detector's own (nanodet 0.4, grounding_dino 0.35, owlv2 0.2)."""
+    """Least score of a detection; None: the detector's own (nanodet 0.4, grounding_dino 0.35, owlvit 0.1 ...)."""
     text_score: float = Field(default=0.25, ge=0, le=1)
     """Least score of a phrase's head noun, of detectors that score tokens (grounding_dino)."""
-    prompts: Literal["separate", "joint"] = _of_profile("prompts", "separate")
+    prompts: Literal["separate", "joint"] = of_profile("prompts", "separate")
     """Each label in a text of its own, so that no label's boxes depend on the others, or many in one text, faster."""
     detector_nms_iou: float = Field(default=0.6, ge=0, le=1)
     nms: Literal["custom", "classic", "none"] = "custom"

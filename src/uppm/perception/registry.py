@@ -43,6 +43,7 @@ DETECTORS = {
     "mm_grounding_dino": "uppm.perception.segmentation.grounding_dino:MMGroundingDino",
     "nanodet": "uppm.perception.segmentation.nanodet:NanoDet",
     "owlv2": "uppm.perception.segmentation.owlv2:Owlv2",
+    "owlvit": "uppm.perception.segmentation.owlv2:OwlVit",
 }
 MASK_GENERATORS = {
     "geometric": "uppm.perception.segmentation.geometric_masks:GeometricMasks",

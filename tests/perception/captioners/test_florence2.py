@@ -10,8 +10,12 @@ import pytest
 from tokenizers.pre_tokenizers import ByteLevel
 
 from tests.perception.captioners import seeded
-from uppm.core.config import PerceptionConfig
+from tests.perception.captioners.test_end_to_end import Noting
+from uppm.core.config import Config, PerceptionConfig
+from uppm.core.types import Provenance
+from uppm.perception.fakes import FakeRetriever
 from uppm.perception.models.network import COMMAND
+from uppm.pipeline import Mapper
 
 torch = pytest.importorskip("torch", reason=f"torch is not installed: {COMMAND}", exc_type=ImportError)
 transformers: Any = pytest.importorskip("transformers", reason=f"transformers is not installed: {COMMAND}")
@@ -99,10 +103,31 @@ def test_regions_are_read_as_labels(folder: Path, monkeypatch: pytest.MonkeyPatc
     assert captioner.caption(seeded.frame(1)).tags == ("red chair", "mug")
 
 
-def test_without_tags_only_the_caption_is_asked_for(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_it_says_of_a_picture_is_mapped(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The network runs; what its random weights answer is put into words."""
+    said = "</s><s>red chair<loc_1><loc_2><loc_3><loc_4></s>"
+    monkeypatch.setattr(transformers.Florence2Processor, "batch_decode", lambda self, ids, **k: [said] * len(ids))
+    monkeypatch.setattr(florence2, "MAX_TOKENS", 4)
+    settings = {"captioner": "florence2", "captioner_model": "florence-2-base", "use_captions": False, "threads": 1}
+    segmenter = Noting()
+    mapper = Mapper(Config.model_validate({"perception": settings}), segmenter=segmenter, retriever=FakeRetriever())
+    mapper.integrate(seeded.frame(1))
+    mapper.close()
+    assert [(label.text, label.provenance) for label in segmenter.asked[0]] == [("red chair", Provenance.TAG)]
+    assert [submap for submap in mapper.map.submaps if submap.descriptor]
+
+
+@pytest.mark.parametrize(
+    ("unused", "tasks"),
+    [("use_tags", [florence2.CAPTION]), ("use_captions", [florence2.REGIONS])],
+)
+def test_what_is_not_used_is_not_asked_for(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, unused: str, tasks: list[str]
+) -> None:
     asked: list[str] = []
-    monkeypatch.setattr(florence2, "answer", lambda loaded, frame, task, beams: asked.append(task) or {task: "a desk"})
-    settings = {"captioner": "florence2", "captioner_model": "florence-2-base", "use_tags": False, "threads": 1}
-    captioner = florence2.Florence2(PerceptionConfig.model_validate(settings))
-    assert captioner.caption(seeded.frame(1)).text == "a desk"
-    assert asked == [florence2.CAPTION]
+    answers = {florence2.CAPTION: "a desk", florence2.REGIONS: {"labels": ["desk"]}}
+    monkeypatch.setattr(florence2, "answer", lambda loaded, frame, task, beams: asked.append(task) or answers)
+    settings = {"captioner": "florence2", "captioner_model": "florence-2-base", unused: False, "threads": 1}
+    said = florence2.Florence2(PerceptionConfig.model_validate(settings)).caption(seeded.frame(1))
+    assert asked == tasks
+    assert (said.text, said.tags) == (("a desk", ()) if unused == "use_tags" else ("", ("desk",)))

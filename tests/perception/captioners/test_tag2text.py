@@ -100,6 +100,15 @@ def test_captions_and_tags_are_the_reference_s(folder: Path, seed: int, beams: i
     captioner.close()
 
 
+@pytest.mark.parametrize(("use_tags", "writes"), [(True, False), (False, True)])
+def test_without_captions_the_tags_alone_are_asked_for(folder: Path, use_tags: bool, writes: bool) -> None:
+    """Unless the tags are not used either."""
+    settings = {"captioner": "tag2text", "use_captions": False, "use_tags": use_tags, "threads": 1}
+    said = tag2text.Tag2Text(PerceptionConfig.model_validate(settings)).caption(seeded.frame(SEEDS[0]))
+    assert bool(said.text) is writes
+    assert " | ".join(said.tags) == golden("tags", SEEDS[0]).item()
+
+
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_caption_that_does_not_end_is_the_reference_s(folder: Path, seed: int) -> None:
     network, vocabulary = tag2text.load(Weights(name=NAME, folder=folder))

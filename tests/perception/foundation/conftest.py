@@ -20,11 +20,11 @@ def all_models(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def models(all_models: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], Path]:
+def models(all_models: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Path]:
     """Makes the network of a function of `tiny`, once a session; returns its folder."""
     monkeypatch.setenv("UPPM_MODELS", str(all_models))
     monkeypatch.setenv("UPPM_OFFLINE", "1")
-    return lambda kind: tiny.made(kind, all_models)
+    return lambda kind, name=None: tiny.made(kind, all_models, name)
 
 
 def noisy(frame: Frame) -> Frame:

@@ -22,6 +22,7 @@ from uppm.perception.segmentation.grounding_dino import GroundingDino
 from uppm.perception.segmentation.prompts import pack, phrases
 
 DINOS = ("grounding_dino", "mm_grounding_dino")
+OWLS = {"owlv2": "Owlv2", "owlvit": "OwlViT"}
 TEXTS = ("red cup", "chair", "cup of coffee", "chandelier", "wooden box")
 Models = Callable[[str], Path]
 
@@ -62,11 +63,11 @@ def test_one_phrase_gives_what_transformers_gives(models: Models, picture: Frame
         np.testing.assert_allclose(ours[1], np.clip(theirs["boxes"][order].numpy(), 0, limits), atol=1e-2)
 
 
-@pytest.mark.parametrize("kind", [*DINOS, "owlv2"])
+@pytest.mark.parametrize("kind", [*DINOS, *OWLS])
 def test_no_label_changes_what_is_found_of_another(models: Models, picture: Frame, kind: str) -> None:
-    """Permuted, split in two, and beside another label: the same to the bit (OWLv2: to rounding)."""
+    """Permuted, split in two, and beside another label: the same to the bit (OWL: to rounding)."""
     models(kind)
-    some, tolerance = detector(kind), 1e-5 if kind == "owlv2" else 0
+    some, tolerance = detector(kind), 1e-5 if kind in OWLS else 0
     whole = some.detect(picture.color, labels(*TEXTS))
     assert len(set(whole.labels)) == len(TEXTS)
     shuffled = list(TEXTS)
@@ -130,7 +131,7 @@ def test_a_box_that_only_the_adjective_speaks_for_is_none() -> None:
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", [*DINOS, "owlv2"])
+@pytest.mark.parametrize("kind", [*DINOS, *OWLS])
 def test_labels_keep_their_provenance_and_thresholds_count(models: Models, picture: Frame, kind: str) -> None:
     models(kind)
     mixed = (*labels("Cup", provenance=Provenance.TAG), *labels("cup"), *labels("door", provenance=Provenance.TAG))
@@ -144,21 +145,40 @@ def test_labels_keep_their_provenance_and_thresholds_count(models: Models, pictu
     assert detector(kind, detector_score=1.0).detect(picture.color, mixed).labels == ()
 
 
-def test_owlv2_gives_what_transformers_gives(models: Models, picture: Frame) -> None:
-    folder = models("owlv2")
+@pytest.mark.parametrize("kind", OWLS)
+def test_an_owl_gives_what_transformers_gives(models: Models, picture: Frame, kind: str) -> None:
+    folder = models(kind)
     torch, t = tiny.torch_or_skip()
-    image = t.Owlv2ImageProcessorPil.from_pretrained(folder)
-    processor = t.Owlv2Processor(image_processor=image, tokenizer=t.AutoTokenizer.from_pretrained(folder))
-    model = t.Owlv2ForObjectDetection.from_pretrained(folder).eval()
-    found = detector("owlv2").detect(picture.color, labels("chair", "red cup"))
+    name = OWLS[kind]
+    image = getattr(t, f"{name}ImageProcessorPil").from_pretrained(folder)
+    processor = getattr(t, f"{name}Processor")(image_processor=image, tokenizer=t.AutoTokenizer.from_pretrained(folder))
+    model = getattr(t, f"{name}ForObjectDetection").from_pretrained(folder).eval()
+    found = detector(kind).detect(picture.color, labels("chair", "red cup"))
+    # OWLv2's to the padded square, whose side is the longer one's; OWL-ViT's to the image itself.
+    size = (64, 64) if kind == "owlv2" else (48, 64)
     for text in ("chair", "red cup"):
         inputs = processor(images=picture.color, text=[[f"a photo of a {text}"]], return_tensors="pt", max_length=32)
         with torch.no_grad():
             out = model(**inputs)
-        # To the padded square, whose side is the longer one's.
-        (theirs,) = processor.post_process_grounded_object_detection(out, threshold=-1.0, target_sizes=[(64, 64)])
+        (theirs,) = processor.post_process_grounded_object_detection(out, threshold=-1.0, target_sizes=[size])
         order = torch.argsort(theirs["scores"], descending=True, stable=True)
         ours = of(found, text)
         np.testing.assert_allclose(ours[0], theirs["scores"][order].numpy(), atol=1e-5)
         boxes = np.clip(theirs["boxes"][order].numpy(), 0, [64, 48, 64, 48])
         np.testing.assert_allclose(np.sort(ours[1], axis=0), np.sort(boxes, axis=0), atol=1e-2)
+
+
+def test_a_prompt_is_read_once(models: Models, picture: Frame, monkeypatch: pytest.MonkeyPatch) -> None:
+    models("owlvit")
+    _, t = tiny.torch_or_skip()
+    read, original = list[int](), t.OwlViTModel.get_text_features
+
+    def counted(self: Any, input_ids: Any, **given: Any) -> Any:
+        read.append(len(input_ids))
+        return original(self, input_ids=input_ids, **given)
+
+    monkeypatch.setattr(t.OwlViTModel, "get_text_features", counted)
+    some = detector("owlvit")
+    for texts in (("chair", "cup"), ("cup", "chair"), ("chair", "red cup", "cup")):
+        assert {label.text for label in some.detect(picture.color, labels(*texts)).labels} == set(texts)
+    assert read == [2, 1]

@@ -18,7 +18,14 @@ from uppm.perception import registry
 from uppm.perception.fakes import FakeLabeler, fake_frame
 from uppm.pipeline import Mapper, map_sequence
 
-Models = Callable[[str], Path]
+Models = Callable[..., Path]
+SETTINGS = {
+    "detector": "detector_model",
+    "masks": "masks_model",
+    "profile": "segmenter_model",
+    "visual_feature": "visual_feature_model",
+}
+"""Part of perception -> the setting that names its model."""
 LABELS = ("chair", "cup", "wall")
 """Whose embeddings ship with the package."""
 
@@ -47,25 +54,28 @@ def configuration(**perception: Any) -> Config:
     [
         {"profile": "foundation", "detector": "grounding_dino", "masks": "sam"},
         {"profile": "foundation", "detector": "mm_grounding_dino", "masks": "sam2"},
+        {"profile": "foundation", "detector": "grounding_dino", "detector_model": "grounding-dino-base"},
         {"profile": "foundation", "detector": "owlv2", "masks": "box"},
-        {"profile": "mask2former"},
-        {"profile": "oneformer"},
+        {"profile": "foundation-light", "detector": "owlvit", "masks": "sam2", "masks_side": 64},
+        {"profile": "mask2former", "visual_feature": "clip"},
+        {"profile": "oneformer", "visual_feature": "siglip"},
         {"profile": "sam3"},
     ],
-    ids=lambda chosen: "-".join(chosen.values()),
+    ids=lambda chosen: "-".join(map(str, chosen.values())),
 )
-def test_a_back_end_by_name_makes_a_map(models: Models, chosen: dict[str, str]) -> None:
-    settings = dict(chosen, captioner="none")
-    for part, setting in (("detector", "detector_model"), ("masks", "masks_model"), ("profile", "segmenter_model")):
-        if chosen.get(part) in tiny.NAMES:
-            models(chosen[part])
-            settings[setting] = tiny.NAMES[chosen[part]]
+def test_a_back_end_by_name_makes_a_map(models: Models, chosen: dict[str, Any]) -> None:
+    settings = {"captioner": "none", "masks": "box", **chosen}
+    for part, setting in SETTINGS.items():
+        if settings.get(part) in tiny.NAMES:
+            name = settings.setdefault(setting, tiny.NAMES[settings[part]])
+            models(settings[part], name)
     mapper = Mapper(configuration(**settings), labeler=FakeLabeler(*LABELS))
     for frame in map(Pictures().frame, range(3)):
         mapper.integrate(frame)
     mapper.finish()
     mapper.close()
     described = [s.descriptor for s in mapper.map.submaps if s.descriptor]
+    assert all((d.feature is not None) is ("visual_feature" in chosen) for d in described)
     said = {record.text for d in described for record in d.labels}
     assert said
     closed_set = {"ceiling-other", "chair", "wall-other", "cup"}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,8 +21,8 @@ Models = Callable[[str], Path]
 BOXES = np.array([[0, 0, 30, 40], [20, 10, 60, 48], [5, 5, 15, 20], [30, 0, 64, 24], [1, 1, 63, 47]], dtype=np.float32)
 
 
-def generator(kind: str) -> MaskGenerator:
-    return create_mask_generator(PerceptionConfig(masks=kind, masks_model=tiny.NAMES[kind], threads=1))
+def generator(kind: str, **settings: Any) -> MaskGenerator:
+    return create_mask_generator(PerceptionConfig(masks=kind, masks_model=tiny.NAMES[kind], threads=1, **settings))
 
 
 def test_sam_gives_what_transformers_gives(models: Models, picture: Frame) -> None:
@@ -41,17 +42,23 @@ def test_sam_gives_what_transformers_gives(models: Models, picture: Frame) -> No
     assert 0.05 < ours.mean() < 0.95
 
 
-def test_sam2_gives_what_transformers_gives(models: Models, picture: Frame) -> None:
-    """From our input on: their processor asks for torchvision."""
+@pytest.mark.parametrize("side", [None, 64])
+def test_sam2_gives_what_transformers_gives(models: Models, picture: Frame, side: int | None) -> None:
+    """From our input on: their processor asks for torchvision. On a smaller square, they get the sizes as well."""
     folder = models("sam2")
     torch, t = tiny.torch_or_skip()
-    model = t.Sam2Model.from_pretrained(folder).eval()
-    pixels = torch.from_numpy(square_input(picture.color, 128, sam2.MEAN, sam2.STD))
-    boxes = torch.from_numpy(BOXES * np.array([128 / 64, 128 / 48] * 2, dtype=np.float32))[None]
+    config = t.Sam2Config.from_pretrained(folder)
+    if side is not None:
+        config.prompt_encoder_config.image_size, config.vision_config.backbone_config.image_size = side, [side, side]
+        config.vision_config.backbone_feature_sizes = [[side // n, side // n] for n in (4, 8, 16)]
+    model = t.Sam2Model.from_pretrained(folder, config=config).eval()
+    square = side or 128
+    pixels = torch.from_numpy(square_input(picture.color, square, sam2.MEAN, sam2.STD))
+    boxes = torch.from_numpy(BOXES * np.array([square / 64, square / 48] * 2, dtype=np.float32))[None]
     with torch.no_grad():
         out = model(pixel_values=pixels, input_boxes=boxes, multimask_output=False)
     theirs = torch.nn.functional.interpolate(out.pred_masks[0], (48, 64), mode="bilinear", align_corners=False) > 0
-    ours = generator("sam2").masks(picture, BOXES)
+    ours = generator("sam2", masks_side=side).masks(picture, BOXES)
     assert (ours != theirs[:, 0].numpy()).mean() < 1e-3
     assert 0.05 < ours.mean() < 0.95
 

@@ -11,6 +11,7 @@ NAMES = {
     "grounding_dino": "grounding-dino-tiny",
     "mm_grounding_dino": "mm-grounding-dino-tiny",
     "owlv2": "owlv2-base",
+    "owlvit": "owlvit-base-patch32",
     "sam": "sam-vit-base",
     "sam2": "sam2.1-hiera-tiny",
     "mask2former": "mask2former-swin-tiny",
@@ -24,9 +25,9 @@ SIZES = {"hidden_size": 32, "intermediate_size": 32, "num_hidden_layers": 2, "nu
 """Of the encoders of pictures and of texts."""
 
 
-def made(kind: str, root: Path) -> Path:
-    """The folder of a back end's tiny network, made at the first call."""
-    folder = root / NAMES[kind]
+def made(kind: str, root: Path, name: str | None = None) -> Path:
+    """The folder of a back end's tiny network, made at the first call; `name`: of the model whose place it takes."""
+    folder = root / (name or NAMES[kind])
     if not folder.exists():
         folder.mkdir()
         globals()[kind](folder)
@@ -157,20 +158,25 @@ def special(tokenizer: Any) -> dict[str, int]:
     return {**ends, "pad_token_id": tokenizer.pad_token_id, "vocab_size": len(tokenizer)}
 
 
-def owlv2(folder: Path) -> None:
+def owlv2(folder: Path, kind: str = "Owlv2") -> None:
     """OWLv2 of two layers on images of 64 pixels a side."""
     torch, t = torch_or_skip()
     tokenizer = clip_tokenizer(folder)
     torch.manual_seed(0)
-    config = t.Owlv2Config(
+    config = getattr(t, f"{kind}Config")(
         text_config={**SIZES, **special(tokenizer), "max_position_embeddings": 32},
         vision_config={**SIZES, "image_size": 64, "patch_size": 16},
         projection_dim=32,
     )
-    processor = t.Owlv2ImageProcessorPil(size={"height": 64, "width": 64})
-    model = t.Owlv2ForObjectDetection(config)
+    processor = getattr(t, f"{kind}ImageProcessorPil")(size={"height": 64, "width": 64})
+    model = getattr(t, f"{kind}ForObjectDetection")(config)
     calm(model, "box_head")
     save(folder, model, tokenizer, processor)
+
+
+def owlvit(folder: Path) -> None:
+    """OWL-ViT of the same size."""
+    owlv2(folder, "OwlViT")
 
 
 LABELS = {0: "chair", 1: "wall-other-merged", 2: "cup", 3: "ceiling-merged"}

@@ -23,14 +23,18 @@ class Florence2:
         name = model_of("florence2", config.captioner_model)
         self._network = Network(config, str(name), load, hot=lambda module: (module.model.vision_tower,))
         self._beams, self._tags = config.caption_beams, config.use_tags
+        self._write = config.use_captions or not config.use_tags
 
     def caption(self, frame: Frame) -> Caption:
-        """One sentence, and what the regions of the colour image are called; no regions where tags are not used."""
-        text = self._network.run(lambda loaded: answer(loaded, frame, CAPTION, self._beams))[CAPTION]
+        """One sentence, and what the regions of the colour image are called; what is not used is not asked for."""
+        text = self._ask(frame, CAPTION) if self._write else ""
         if not self._tags:
             return Caption(text=text)
-        regions = self._network.run(lambda loaded: answer(loaded, frame, REGIONS, self._beams))[REGIONS]
-        return Caption(text=text, tags=tuple(dict.fromkeys(label for label in regions["labels"] if label)))
+        regions = self._ask(frame, REGIONS)["labels"]
+        return Caption(text=text, tags=tuple(dict.fromkeys(label for label in regions if label)))
+
+    def _ask(self, frame: Frame, task: str) -> Any:
+        return self._network.run(lambda loaded: answer(loaded, frame, task, self._beams))[task]
 
     def close(self) -> None:
         """Release the network."""

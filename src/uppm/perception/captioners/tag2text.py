@@ -123,9 +123,10 @@ class Tag2Text:
         name = model_of("tag2text", config.captioner_model)
         self._network = Network(config, str(name), load, hot=lambda module: (module.visual_encoder,))
         self._beams = config.caption_beams
+        self._write = config.use_captions or not config.use_tags
 
     def caption(self, frame: Frame) -> Caption:
-        """Caption and tags of the frame's colour image."""
+        """Caption and tags of the frame's colour image; no caption where captions are not used."""
         return self._network.run(lambda loaded: self._caption(frame, loaded))
 
     def close(self) -> None:
@@ -136,6 +137,8 @@ class Tag2Text:
         network, vocabulary = loaded.module, loaded.helper
         seen = network.visual_encoder(loaded.tensor(square_image(frame.color, vocabulary.image)))
         tags = vocabulary.applying(network.tag_logits(seen)[0].float().cpu().numpy())
+        if not self._write:
+            return Caption(tags=tags)
         ids, mask = vocabulary.words.tags(tags)
         source = network.tag_encoder.encode(loaded.tensor(ids[None]), loaded.tensor(mask[None]), seen)
         options = BeamOptions(end=vocabulary.words.end, beams=self._beams)

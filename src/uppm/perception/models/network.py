@@ -62,8 +62,8 @@ class Weights:
         names = model_spec(self.name).weights
         return next((self.folder / name for name in names if (self.folder / name).is_file()), self.folder / names[0])
 
-    def pretrained(self, kind: Any) -> Any:
-        """A transformers model of class `kind` with this folder's configuration and weights.
+    def pretrained(self, kind: Any, adapt: Callable[[Any], None] = lambda config: None) -> Any:
+        """A transformers model of class `kind` with this folder's configuration, adapted in place, and its weights.
 
         Raises
         ------
@@ -71,11 +71,15 @@ class Weights:
             The weights do not fit the architecture; the message names the first keys.
         """
         torch = import_torch()
+        config = kind.config_class.from_pretrained(self.folder, local_files_only=True)
+        adapt(config)
         if self.random is not None:
             torch.manual_seed(self.random)
-            return kind(kind.config_class.from_pretrained(self.folder, local_files_only=True))
+            return kind(config)
         try:
-            model, info = kind.from_pretrained(self.folder, local_files_only=True, output_loading_info=True)
+            model, info = kind.from_pretrained(
+                self.folder, config=config, local_files_only=True, output_loading_info=True
+            )
         except (OSError, ValueError, RuntimeError) as error:
             found, advice = str(error).strip().splitlines()[0], f"run `uppm models verify {self.name}`"
             raise InputError(self.file, expected=f"weights of {self.name}", found=found, advice=advice) from None

@@ -109,6 +109,7 @@ _SPECS = [
         ("mm-grounding-dino-tiny", 690, "openmmlab-community/mm_grounding_dino_tiny_o365v1_goldg_v3det"),
     ),
     *_family("sam3", "SAM License", ("sam3", 3440, "facebook/sam3")),
+    *_family("owlvit", _APACHE, ("owlvit-base-patch32", 613, "google/owlvit-base-patch32")),
     *_family("owlv2", _APACHE, ("owlv2-base", 620, "google/owlv2-base-patch16-ensemble")),
     *_family(
         "sam",
@@ -116,6 +117,8 @@ _SPECS = [
         ("sam-vit-huge", 2560, "facebook/sam-vit-huge"),
         ("sam-vit-large", 1250, "facebook/sam-vit-large"),
         ("sam-vit-base", 375, "facebook/sam-vit-base"),
+        ("slimsam-50", 112, "Zigeng/SlimSAM-uniform-50"),
+        ("slimsam-77", 39, "Zigeng/SlimSAM-uniform-77"),
     ),
     *_family(
         "sam2",

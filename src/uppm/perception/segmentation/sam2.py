@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from uppm.core.config import PerceptionConfig
 from uppm.perception.models.network import Loaded, Weights
 from uppm.perception.segmentation import sam
 from uppm.perception.segmentation.sam import Sam
@@ -21,10 +22,23 @@ class Sam2(Sam):
 
     back_end = "sam2"
 
+    def __init__(self, config: PerceptionConfig) -> None:
+        super().__init__(config)
+        self._side = config.masks_side
+
     def _load(self, weights: Weights) -> tuple[Any, None]:
         from transformers import Sam2Model
 
-        return weights.pretrained(Sam2Model), None
+        return weights.pretrained(Sam2Model, self._resize), None
+
+    def _resize(self, config: Any) -> None:
+        """Let the network take a smaller square: Hiera's position encoding is interpolated to any size."""
+        if self._side is None:
+            return
+        vision, scale = config.vision_config, self._side / config.prompt_encoder_config.image_size
+        config.prompt_encoder_config.image_size = self._side
+        vision.backbone_config.image_size = [self._side, self._side]
+        vision.backbone_feature_sizes = [[round(n * scale) for n in size] for size in vision.backbone_feature_sizes]
 
     def _masks(
         self, loaded: Loaded[Any], color: npt.NDArray[np.uint8], boxes: npt.NDArray[np.float32]
