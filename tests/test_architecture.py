@@ -21,7 +21,7 @@ MAY_IMPORT = {
     "map": {"map", "core", "_kernels"},
     **{stage: {stage, "core"} for stage in STAGES - {"fusion", "map"}},
 }
-COMPOSERS = {"bench", "cli", "live", "pipeline", "regimes", "studies", ""}
+COMPOSERS = {"bench", "cli", "editing", "live", "pipeline", "regimes", "studies", ""}
 """The last is the package's own `__init__`."""
 HEAVY = {"torch", "transformers", "numba", "cv2", "trimesh", "viser", "scipy", "skimage", "onnxruntime", "open3d"}
 MAX_FILE, MAX_FUNCTION, USUAL_FUNCTION = 400, 60, 25

@@ -13,21 +13,21 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import ValidationError
 
 from uppm.core.categories import unified_categories
 from uppm.core.config import Config
-from uppm.core.errors import BadFrameError, ConfigError, InputError, nothing_usable
+from uppm.core.errors import BadFrameError, InputError, nothing_usable
 from uppm.core.geometry import invert
 from uppm.core.nulls import NoViewer, Timer
 from uppm.core.parallel import exclusive, run_ahead
 from uppm.core.protocols import FrameSource, FrameViewer, Labeler, Progress, Retriever, Segmenter, TextEncoder
 from uppm.core.types import Checkpoint, Frame, FrameRecord, Mesh, Report, Submap
 from uppm.datasets.registry import open_sequence
+from uppm.editing import CorrectedReader
 from uppm.fusion.engine import PanopticFusion
 from uppm.map.mesher import MapMesher
 from uppm.map.panoptic_map import PanopticMap
-from uppm.map.store import MapMeta, MapReader, MapWriter, check_free
+from uppm.map.store import MapMeta, MapReader, MapWriter, check_free, saved_config
 from uppm.perception.front_end import FrontEnd, Percept, good_frames, spread_frames
 from uppm.perception.labels.lemma import lemmatize
 from uppm.perception.labels.phrases import pos_tags
@@ -212,6 +212,7 @@ class Mapper:
             submaps=submaps,
             changed=changed,
             pruned=pruned,
+            merged=dict(self._fusion.merged),
             next_id=self._fusion.next_id,
             frames=frames,
             label_embeddings=self._label_embeddings(submaps),
@@ -242,7 +243,7 @@ def open_map(path: str | Path) -> PanopticMap:
     MapFileError
         There is no such file, or it is no map, damaged, or of a newer schema.
     """
-    reader = MapReader.open(path)
+    reader = CorrectedReader.open(path)
     return PanopticMap.from_file(reader, **_language(lambda: LabelEmbeddings(known=reader.label_embeddings())))
 
 
@@ -305,16 +306,6 @@ def _resumed(source: FrameSource, path: str | Path, viewer: FrameViewer | None) 
     mapper.restore(saved)
     saved.close()
     return mapper, MapWriter.resume(path), first
-
-
-def saved_config(meta: MapMeta) -> Config:
-    """The configuration that a map was made with; raises `ConfigError` where this version has other settings."""
-    try:
-        return Config.model_validate_json(meta.config)
-    except ValidationError as error:
-        found = f"{'.'.join(map(str, error.errors()[0]['loc']))}: {error.errors()[0]['msg'].lower()}"
-        expected, advice = "settings of this version of uppm", "go on with the version that began it, or map again"
-        raise ConfigError("the map's configuration", expected=expected, found=found, advice=advice) from None
 
 
 def check_same(meta: MapMeta, source: FrameSource, path: str | Path) -> None:

@@ -44,6 +44,8 @@ def print_map(panoptic: PanopticMap) -> None:
     for title, counts in (("frames skipped", panoptic.report.skipped), ("dropped", panoptic.report.dropped)):
         if counts:
             console.print(f"{title}: {_listed(counts)}")
+    if panoptic.corrections:
+        console.print(f"{len(panoptic.corrections)} corrections by hand; `uppm edit MAP` lists them", markup=False)
     print_changes(panoptic)
 
 

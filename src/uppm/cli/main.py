@@ -14,6 +14,7 @@ from uppm.cli.bench_query import bench_query_command
 from uppm.cli.check import check
 from uppm.cli.convert import convert_app
 from uppm.cli.demo import demo
+from uppm.cli.edit import edit
 from uppm.cli.evaluate import evaluate_app
 from uppm.cli.evaluate_aggregate import evaluate_aggregate_command
 from uppm.cli.evaluate_query import evaluate_query_command
@@ -42,6 +43,7 @@ app.command("map")(map_command)
 app.command()(check)
 app.command()(info)
 app.command()(query)
+app.command()(edit)
 app.command()(export)
 app.command()(view)
 app.command()(render)

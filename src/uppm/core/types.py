@@ -19,9 +19,6 @@ from uppm.core.validation import check_array, check_pose, check_range
 VOXELS_PER_SIDE = 8
 """Voxels along each side of a block."""
 
-UNLABELED = 0
-"""Value of a segmentation's id image where no segment is."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Intrinsics:
@@ -100,6 +97,7 @@ class Provenance(str, Enum):
     STRUCTURE = "structure"
     GROUND_TRUTH = "groundtruth"
     PRECOMPUTED = "precomputed"
+    HAND = "hand"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -390,6 +388,8 @@ class Checkpoint:
     """Submap id -> blocks that are new or were written."""
     pruned: Mapping[int, npt.NDArray[np.int32]]
     """Submap id -> coords (N, 3) of blocks that are gone."""
+    merged: Mapping[int, int] = field(default_factory=dict[int, int])
+    """Submap that was merged away -> the one that it became part of."""
     next_id: int
     """The id that the next submap will get."""
     frames: tuple[FrameRecord, ...]

@@ -41,6 +41,8 @@ class SubmapCollection:
         self.next_id = 1
         self.dropped: Counter[str] = Counter()
         """Reason -> segments and submaps dropped so far."""
+        self.merged: dict[int, int] = {}
+        """Submap that was merged away -> the one that it became part of."""
 
     def __iter__(self) -> Iterator[LiveSubmap]:
         return iter(self._submaps.values())
@@ -114,6 +116,7 @@ class SubmapCollection:
         """Make two submaps one; returns the kept one."""
         merging.merge(kept, other, self._volume)
         self._leave(other)
+        self.merged[other.id] = kept.id
         self._bounds.pop(kept.id, None)
         self.dropped["duplicate submap merged"] += 1
         return kept

@@ -344,6 +344,11 @@ class PanopticFusion:
         """The id that the next submap will get."""
         return self._all.next_id
 
+    @property
+    def merged(self) -> Mapping[int, int]:
+        """Submap that was merged away -> the one that it became part of."""
+        return self._all.merged
+
     def submaps(self) -> tuple[Submap, ...]:
         """Records of all submaps, by id."""
         return self._all.records()

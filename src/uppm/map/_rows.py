@@ -195,14 +195,14 @@ def replace_changes(db: sqlite3.Connection, changes: Iterable[Change]) -> None:
 
 def read_changes(db: sqlite3.Connection) -> tuple[Change, ...]:
     """In the order in which they were written; none where the map was not compared with another."""
-    if not _has_table(db, "changes"):
+    if not has_table(db, "changes"):
         return ()
     return tuple(map(read_change, db.execute("SELECT * FROM changes ORDER BY position")))
 
 
 def read_parts(db: sqlite3.Connection) -> dict[int, Parts]:
     """Submap id -> frames in which it fell apart, and the cells (N, 4) of its parts."""
-    if not _has_table(db, "parts"):
+    if not has_table(db, "parts"):
         return {}
     rows = db.execute("SELECT submap, frames, cells FROM parts")
     return {
@@ -240,7 +240,7 @@ def _replace_features(db: sqlite3.Connection, submaps: Sequence[Submap]) -> None
     found = [(s.id, s.descriptor.feature) for s in submaps if s.descriptor and s.descriptor.feature]
     if found:
         db.execute(VISUAL_FEATURES)
-    if found or _has_table(db, "visual_features"):
+    if found or has_table(db, "visual_features"):
         rows = [(id_, f.count, f.mean.astype("<f4").tobytes()) for id_, f in found]
         db.execute("DELETE FROM visual_features")
         db.executemany("INSERT INTO visual_features VALUES (?, ?, ?)", rows)
@@ -248,11 +248,18 @@ def _replace_features(db: sqlite3.Connection, submaps: Sequence[Submap]) -> None
 
 def read_features(db: sqlite3.Connection) -> dict[int, VisualFeature]:
     """Submap id -> how it looked; none where the map was made without."""
-    if not _has_table(db, "visual_features"):
+    if not has_table(db, "visual_features"):
         return {}
     rows = db.execute("SELECT submap, count, vector FROM visual_features")
     return {r[0]: VisualFeature(mean=np.frombuffer(r[2], dtype="<f4").astype(np.float32), count=r[1]) for r in rows}
 
 
-def _has_table(db: sqlite3.Connection, name: str) -> bool:
+def write_embeddings(db: sqlite3.Connection, vectors: Mapping[str, npt.NDArray[np.float32]]) -> None:
+    """Add label text -> unit vector (D,)."""
+    rows = ((text, vector.astype("<f4").tobytes()) for text, vector in vectors.items())
+    db.executemany("INSERT OR REPLACE INTO label_embeddings VALUES (?, ?)", rows)
+
+
+def has_table(db: sqlite3.Connection, name: str) -> bool:
+    """Whether the file has a table that not every map has."""
     return bool(db.execute("SELECT 1 FROM sqlite_master WHERE name = ?", (name,)).fetchone())

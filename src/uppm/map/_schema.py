@@ -49,6 +49,14 @@ CREATE TABLE IF NOT EXISTS parts (
     submap INTEGER PRIMARY KEY REFERENCES submaps (id) ON DELETE CASCADE, frames INTEGER NOT NULL, cells BLOB NOT NULL)
 """
 
+# As `CHANGES`: only a map that was edited has them.
+CORRECTIONS = """
+CREATE TABLE IF NOT EXISTS corrections (
+    number INTEGER PRIMARY KEY, edit INTEGER NOT NULL, stamp TEXT NOT NULL, author TEXT NOT NULL, action TEXT NOT NULL,
+    submap INTEGER NOT NULL, name TEXT, category TEXT, other INTEGER, before TEXT NOT NULL, undone TEXT)
+"""
+SUCCESSORS = "CREATE TABLE IF NOT EXISTS successors (submap INTEGER PRIMARY KEY, kept INTEGER NOT NULL)"
+
 # As `CHANGES`: only a map made with `perception.visual_feature` has it.
 VISUAL_FEATURES = """
 CREATE TABLE IF NOT EXISTS visual_features (

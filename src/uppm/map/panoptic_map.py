@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -14,6 +14,7 @@ from uppm.core.categories import plain_name, unified_categories
 from uppm.core.errors import InputError
 from uppm.core.protocols import TextEncoder, VoxelSource
 from uppm.core.types import Change, FrameRecord, Mesh, Report, Submap, SubmapKind, SubmapState, VoxelBlocks
+from uppm.map.corrections import Correction
 from uppm.map.palette import submap_color
 from uppm.map.query import Answer, SearchIndex
 from uppm.map.store import MapMeta, MapReader
@@ -81,12 +82,15 @@ class PanopticMap:
         report: Report | None = None,
         frames: Iterable[FrameRecord] = (),
         changes: Iterable[Change] = (),
+        corrections: Iterable[Correction] = (),
         meta: MapMeta | None = None,
     ) -> None:
         self.submaps = tuple(submaps)
         self.frames = tuple(frames)
         self.changes = tuple(changes)
         """What became of the objects of the older map that this one was compared with."""
+        self.corrections = tuple(corrections)
+        """What was corrected by hand and not undone; the submaps are as corrected."""
         self.report = report or Report()
         self.meta = meta or MapMeta()
         self.label_embeddings = dict(label_embeddings or {})
@@ -117,6 +121,7 @@ class PanopticMap:
             report=reader.report(),
             frames=reader.frames(),
             changes=reader.changes(),
+            corrections=(c for c in reader.corrections() if not c.undone),
             meta=reader.meta,
         )
 
@@ -259,6 +264,7 @@ class PanopticMap:
             "up": _rounded(self.up),
             "submaps": [submap_dict(s) for s in self.submaps],
             "changes": [change_dict(c) for c in self.changes],
+            "corrections": [asdict(c) for c in self.corrections],
             "report": {
                 "frames": self.report.frames,
                 "skipped": dict(self.report.skipped),

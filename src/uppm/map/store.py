@@ -8,13 +8,16 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import ValidationError
 
-from uppm.core.errors import MapFileError
+from uppm.core.config import Config
+from uppm.core.errors import ConfigError, MapFileError
 from uppm.core.types import Change, Checkpoint, FrameRecord, Report, Submap, VoxelBlocks
-from uppm.map import _codec, _database, _rows
+from uppm.map import _codec, _database, _rows, corrections
 from uppm.map._database import map_errors
 
 _NOTE = "provenance."
@@ -30,6 +33,16 @@ class MapMeta:
     """The effective configuration, as text."""
     provenance: Mapping[str, str] = field(default_factory=dict[str, str])
     """Program versions, sequence, models and whatever else the writer noted."""
+
+
+def saved_config(meta: MapMeta) -> Config:
+    """The configuration that a map was made with; raises `ConfigError` where this version has other settings."""
+    try:
+        return Config.model_validate_json(meta.config)
+    except ValidationError as error:
+        found = f"{'.'.join(map(str, error.errors()[0]['loc']))}: {error.errors()[0]['msg'].lower()}"
+        expected, advice = "settings of this version of uppm", "go on with the version that began it, or map again"
+        raise ConfigError("the map's configuration", expected=expected, found=found, advice=advice) from None
 
 
 class MapWriter:
@@ -101,6 +114,23 @@ class MapWriter:
         with map_errors(self.path):
             _database.lock(self._db)
 
+    def record_corrections(
+        self, made: Iterable[corrections.Correction], vectors: Mapping[str, npt.NDArray[np.float32]]
+    ) -> None:
+        """Add what was corrected by hand, with the vectors of new labels, in one transaction; as `record_changes`."""
+        with self._transaction():
+            corrections.insert(self._db, made)
+            _rows.write_embeddings(self._db, vectors)
+        with map_errors(self.path):
+            _database.lock(self._db)
+
+    def undo_corrections(self, edit: int, undone: str) -> None:
+        """Mark the corrections of one edit as undone, in one transaction; `undone` says by whom and when."""
+        with self._transaction():
+            corrections.undo(self._db, edit, undone)
+        with map_errors(self.path):
+            _database.lock(self._db)
+
     @contextlib.contextmanager
     def _transaction(self) -> Iterator[None]:
         """Commit what the block writes, or nothing of it."""
@@ -155,8 +185,8 @@ class MapWriter:
             rows = ((submap, *key, voxels) for key, voxels in zip(keys, _codec.encode(blocks), strict=True))
             db.executemany("INSERT OR REPLACE INTO blocks VALUES (?, ?, ?, ?, ?)", rows)
         db.executemany("INSERT OR REPLACE INTO frames VALUES (?, ?, ?, ?)", map(_rows.frame_row, checkpoint.frames))
-        vectors = ((text, v.astype("<f4").tobytes()) for text, v in checkpoint.label_embeddings.items())
-        db.executemany("INSERT OR REPLACE INTO label_embeddings VALUES (?, ?)", vectors)
+        _rows.write_embeddings(db, checkpoint.label_embeddings)
+        corrections.follow(db, checkpoint.merged)
         db.execute("DELETE FROM report")
         db.executemany("INSERT INTO report VALUES (?, ?, ?)", _rows.report_rows(checkpoint.report))
         db.execute("INSERT OR REPLACE INTO meta VALUES ('next_id', ?)", (str(checkpoint.next_id),))
@@ -181,6 +211,9 @@ class MapWriter:
                 self._db.execute("VACUUM")
 
 
+Reader = TypeVar("Reader", bound="MapReader")
+
+
 class MapReader:
     """A map file read at its last checkpoint. Opening reads no voxels."""
 
@@ -199,13 +232,14 @@ class MapReader:
         vectors = db.execute("SELECT text, vector FROM label_embeddings")
         self._embeddings = {text: np.frombuffer(v, dtype="<f4").astype(np.float32) for text, v in vectors}
         self._changes = _rows.read_changes(db)
+        self._corrections, self._successors = corrections.read(db)
         db.execute("COMMIT")
         self.next_id = int(notes.pop("next_id"))
         provenance = {key.removeprefix(_NOTE): value for key, value in notes.items() if key.startswith(_NOTE)}
         self.meta = MapMeta(config=notes["config"], provenance=provenance)
 
     @classmethod
-    def open(cls, path: Path | str) -> MapReader:
+    def open(cls: type[Reader], path: Path | str) -> Reader:
         """Open for reading.
 
         Raises
@@ -235,6 +269,10 @@ class MapReader:
     def changes(self) -> tuple[Change, ...]:
         """What became of the objects of the older map that this one was compared with; none where it was not."""
         return self._changes
+
+    def corrections(self) -> tuple[corrections.Correction, ...]:
+        """All that was corrected by hand, undone or not, in order; `submaps` are as mapping made them."""
+        return self._corrections
 
     def label_embeddings(self) -> Mapping[str, npt.NDArray[np.float32]]:
         """Label text -> unit vector (D,)."""
