@@ -29,7 +29,7 @@ demo: .venv/.mpnet
 	touch $@
 
 test: .venv/.mpnet .venv/.dev .venv/.foundation
-	$(BIN)/python -m pytest -m "not heavy"
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not heavy"
 	$(BIN)/python -m pytest -m heavy
 
 clean:

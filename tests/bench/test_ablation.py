@@ -22,6 +22,7 @@ def test_each_variant_changes_what_its_preset_has_otherwise(name: str) -> None:
     assert (Config.load(preset, changes) == Config.load("uppm")) == (name == "uppm")
 
 
+@pytest.mark.heavy
 def test_variants_are_measured_on_the_same_frames() -> None:
     wanted = [option for name in ("uppm", "one voxel size, 5 cm", "panmap") for option in ("--variant", name)]
     done = CliRunner().invoke(app, ["bench", "ablation", "--sequence", str(DEMO), *wanted, *FEW])
