@@ -9,8 +9,9 @@ import pytest
 
 from tests.cli.room import write_room
 from tests.test_resume import assert_same_map, unbroken
+from uppm.core.config import Config
 from uppm.core.parallel import run_ahead
-from uppm.pipeline import open_map
+from uppm.pipeline import map_sequence, open_map, open_sequence
 
 SETTINGS = ("perception.profile=groundtruth", "map.checkpoint_every=3")
 
@@ -71,3 +72,23 @@ def test_between_keyframes_the_map_labels_the_frame(room: Path, tmp_path: Path) 
     assert_same_map(
         path, unbroken(room, tmp_path / "ahead.uppm", *keyed, "perception.keyframe_novelty=1", "perception.ahead=true")
     )
+
+
+@pytest.mark.parametrize("ahead", [False, True])
+def test_a_broken_run_with_keyframes_goes_on_as_if_unbroken(room: Path, tmp_path: Path, ahead: bool) -> None:
+    """Keyframes 0, 3 and 6 begin a checkpoint; the run breaks off between two, at one frame behind a keyframe."""
+    keyed = ("keyframe=motion", "keyframe_translation=9", "keyframe_rotation=180", "keyframe_novelty=1")
+    settings = (*SETTINGS, *(f"perception.{setting}" for setting in keyed), f"perception.ahead={ahead}")
+    whole, path = unbroken(room, tmp_path / "whole.uppm", *settings), tmp_path / "broken.uppm"
+    config = Config.load(None, settings)
+    source, mapped = open_sequence(room, config.input), list[int]()
+
+    def stop(done: int, total: int) -> None:
+        if done == 5:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        map_sequence(source, path, config, progress=stop)
+    map_sequence(source, path, resume=True, progress=lambda done, total: mapped.append(done))
+    assert mapped == [4, 5, 6, 7, 8]
+    assert_same_map(whole, path)

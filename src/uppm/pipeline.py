@@ -21,6 +21,7 @@ from uppm.core.geometry import invert
 from uppm.core.nulls import NoViewer, Timer
 from uppm.core.parallel import exclusive, run_ahead
 from uppm.core.protocols import FrameSource, FrameViewer, Labeler, Progress, Retriever, Segmenter, TextEncoder
+from uppm.core.threads import within_cores
 from uppm.core.types import Checkpoint, Frame, FrameRecord, Mesh, Report, Submap
 from uppm.datasets.registry import open_sequence
 from uppm.editing import CorrectedReader
@@ -70,19 +71,18 @@ class Mapper:
     ) -> None:
         self.config = config or Config()
         self.lock = RLock()
-        self._embeddings = LabelEmbeddings()
+        self._embeddings, running = LabelEmbeddings(), within_cores(self.config)
         self.front_end = FrontEnd(
-            self.config.perception,
-            labeler or create_labeler(self.config.perception),
-            segmenter or create_segmenter(self.config.perception),
-            retriever or create_retriever(self.config.retrieval, self._embeddings),
+            running.perception,
+            labeler or create_labeler(running.perception),
+            segmenter or create_segmenter(running.perception),
+            retriever or create_retriever(running.retrieval, self._embeddings),
         )
         """Perception; it never looks at the map."""
         self._viewer = viewer or NoViewer()
-        self._fusion = PanopticFusion(self.config.fusion, category_similarity(self._embeddings))
+        self._fusion = PanopticFusion(running.fusion, category_similarity(self._embeddings))
         self._mesher = MapMesher()
-        self._timer = Timer()
-        self._restored = Report()
+        self._timer, self._restored = Timer(), Report()
         self._integrated, self._skipped, self._dropped = 0, Counter[str](), Counter[str]()
         self._records: list[FrameRecord] = []
         self._all_records: list[FrameRecord] = []

@@ -36,7 +36,8 @@ def test_stages_are_timed_beside_the_paper_s(monkeypatch: pytest.MonkeyPatch) ->
     settings = [part for name in chosen for part in ("--set", f"perception.{name}")]
     arguments = ["bench", "perception", "--random-weights", "--profile", "embedded", "--frames", "1", *settings]
     result = json.loads(CliRunner().invoke(app, [*arguments, "--json"]).stdout)
-    assert list(result["stages_ms"]) == ["labels", "detector", "nms", "masks"]
+    assert list(result["stages_ms"]) == ["labels", "detector", "nms", "masks", "retrieval", "fusion"]
+    assert result["sum_ms"]["wall"] == pytest.approx(sum(s["wall"] for s in result["stages_ms"].values()), abs=0.1)
     assert all(stage["wall"] >= 0 for stage in result["stages_ms"].values())
     assert result["models"] == ["tag2text-swin-b"]
     assert result["paper_ms"]["masks"] == 180
@@ -46,8 +47,10 @@ def test_stages_are_timed_beside_the_paper_s(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_random_weights_must_be_asked_for_and_their_architecture_known(tmp_path: Path) -> None:
     assert CliRunner().invoke(app, ["bench", "perception"]).exit_code == 2
-    with pytest.raises(ConfigError, match=r"--random-weights: expected one of bert-base-uncased, .*, found owlv2-base"):
-        random_models.write_random_model("owlv2-base", tmp_path)
+    with pytest.raises(
+        ConfigError, match=r"--random-weights: expected one of bert-base-uncased, .*, found oneformer-swin-large"
+    ):
+        random_models.write_random_model("oneformer-swin-large", tmp_path)
 
 
 @pytest.mark.parametrize("name", random_models.ARCHITECTURES)

@@ -124,6 +124,8 @@ def _print_perception(result: dict[str, Any]) -> None:
     for stage, paper in result["paper_ms"].items():
         own = result["stages_ms"].get(stage, {"wall": "not timed", "cpu": ""})
         table.add_row(stage, str(own["wall"]), str(own["cpu"]), f"{paper:g}")
+    table.add_section()
+    table.add_row("sum", *(str(result["sum_ms"][c]) for c in ("wall", "cpu")), f"{sum(result['paper_ms'].values()):g}")
     Console().print(table)
     typer.echo(f"{result['note']}; load {result['load_before']} before, {result['load_after']} after")
     _print_machine(result)

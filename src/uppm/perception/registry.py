@@ -48,6 +48,7 @@ DETECTORS = {
 MASK_GENERATORS = {
     "geometric": "uppm.perception.segmentation.geometric_masks:GeometricMasks",
     "box": "uppm.perception.segmentation.geometric_masks:BoxMasks",
+    "mobile_sam": "uppm.perception.segmentation.mobile_sam:MobileSam",
     "sam": "uppm.perception.segmentation.sam:Sam",
     "sam2": "uppm.perception.segmentation.sam2:Sam2",
 }

@@ -55,7 +55,7 @@ def configuration(**perception: Any) -> Config:
         {"profile": "foundation", "detector": "grounding_dino", "masks": "sam"},
         {"profile": "foundation", "detector": "mm_grounding_dino", "masks": "sam2"},
         {"profile": "foundation", "detector": "grounding_dino", "detector_model": "grounding-dino-base"},
-        {"profile": "foundation", "detector": "owlv2", "masks": "box"},
+        {"profile": "foundation", "detector": "owlv2", "masks": "mobile_sam"},
         {"profile": "foundation-light", "detector": "owlvit", "masks": "sam2", "masks_side": 64},
         {"profile": "mask2former", "visual_feature": "clip"},
         {"profile": "oneformer", "visual_feature": "siglip"},

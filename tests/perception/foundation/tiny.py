@@ -5,6 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import onnx
+import onnx.numpy_helper
 import pytest
 
 NAMES = {
@@ -14,6 +17,7 @@ NAMES = {
     "owlvit": "owlvit-base-patch32",
     "sam": "sam-vit-base",
     "sam2": "sam2.1-hiera-tiny",
+    "mobile_sam": "mobile-sam",
     "mask2former": "mask2former-swin-tiny",
     "oneformer": "oneformer-swin-large",
     "sam3": "sam3",
@@ -284,3 +288,64 @@ def siglip(folder: Path) -> None:
     model = t.SiglipModel(config)
     spread(model)
     save(folder, model, t.SiglipImageProcessorPil(size={"height": 32, "width": 32}))
+
+
+def mobile_sam(folder: Path) -> None:
+    """Graphs with MobileSAM's names: a mean of the image; a mask that is its box, inside out for a bright image."""
+    write_encoder(folder / "mobile_sam_image_encoder.onnx", normalised=False)
+    write_decoder(folder / "sam_mask_decoder_single.onnx")
+
+
+def write_encoder(path: Path, *, normalised: bool) -> None:
+    """An encoder of the raw image (H, W, 3), or of the normalised square (1, 3, 1024, 1024)."""
+    shape = [1, 3, 1024, 1024] if normalised else ["height", "width", 3]
+    axes = list(range(len(shape)))
+    nodes = [
+        onnx.helper.make_node("ReduceMean", ["input_image"], ["mean"], axes=axes, keepdims=0),
+        onnx.helper.make_node("Reshape", ["mean", "shape"], ["image_embeddings"]),
+    ]
+    constants = [onnx.numpy_helper.from_array(np.array([1, 1, 1, 1]), "shape")]
+    write_graph(path, nodes, constants, {"input_image": shape}, {"image_embeddings": [1, 1, 1, 1]})
+
+
+def write_decoder(path: Path) -> None:
+    """A decoder: least distance to the box's sides, times -1 where the embedding is over 128."""
+    node, grid = onnx.helper.make_node, (np.arange(256, dtype=np.float32) + 0.5) * 4
+    corners = [(f"{name}{i}", [[0, i, j]]) for i in (0, 1) for j, name in enumerate("xy")]
+    constants = [onnx.numpy_helper.from_array(np.array(at), f"at_{name}") for name, at in corners]
+    constants += [
+        onnx.numpy_helper.from_array(grid.reshape(1, 1, 1, 256), "columns"),
+        onnx.numpy_helper.from_array(grid.reshape(1, 1, 256, 1), "rows"),
+        onnx.numpy_helper.from_array(np.array(128, dtype=np.float32), "bright"),
+        *(onnx.numpy_helper.from_array(np.array(v, dtype=np.float32), f"v{v}") for v in (1, 2)),
+    ]
+    nodes = [node("GatherND", ["point_coords", f"at_{name}"], [name]) for name, _ in corners]
+    nodes += [
+        node("Sub", ["columns", "x0"], ["left"]),
+        node("Sub", ["x1", "columns"], ["right"]),
+        node("Sub", ["rows", "y0"], ["upper"]),
+        node("Sub", ["y1", "rows"], ["lower"]),
+        node("Min", ["left", "right", "upper", "lower"], ["inside"]),
+        node("Greater", ["image_embeddings", "bright"], ["is_bright"]),
+        node("Cast", ["is_bright"], ["one"], to=onnx.TensorProto.FLOAT),
+        node("Mul", ["one", "v2"], ["two"]),
+        node("Sub", ["v1", "two"], ["sign"]),
+        node("Mul", ["inside", "sign"], ["low_res_masks"]),
+    ]
+    given = {
+        "image_embeddings": [1, 1, 1, 1], "point_coords": [1, 2, 2], "point_labels": [1, 2],
+        "mask_input": [1, 1, 256, 256], "has_mask_input": [1], "orig_im_size": [2],
+    }  # fmt: skip
+    write_graph(path, nodes, constants, given, {"low_res_masks": [1, 1, 256, 256]})
+
+
+def write_graph(path: Path, nodes: Any, constants: Any, given: dict[str, Any], made: dict[str, Any]) -> None:
+    """An ONNX file; `given` and `made`: shapes of inputs and outputs by name, all single precision."""
+    ends = [
+        [onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, shape) for name, shape in some.items()]
+        for some in (given, made)
+    ]
+    graph = onnx.helper.make_graph(nodes, "tiny", *ends, initializer=constants)
+    model = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", 17)], ir_version=8)
+    onnx.checker.check_model(model)
+    onnx.save(model, path)

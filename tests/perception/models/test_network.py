@@ -119,6 +119,29 @@ def test_a_device_that_is_not_there(models: Path) -> None:
         Network(PerceptionConfig(device="cuda"), NAME, load)
 
 
+def test_on_a_gpu_numbers_are_half_precision_and_images_channels_last(
+    models: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What would be sent there; no GPU is needed."""
+    cuda, sent = torch.device("cuda"), list[tuple[Any, Any]]()
+    network = Network(PerceptionConfig(), NAME, load)
+    monkeypatch.setattr(network, "_device", cuda)
+    assert network._dtype() == torch.float16
+
+    def to(self: Any, device: Any, dtype: Any, *, non_blocking: bool, memory_format: Any) -> Any:
+        assert (device, non_blocking) == (cuda, True)
+        sent.append((dtype, memory_format))
+        return self
+
+    monkeypatch.setattr(torch.Tensor, "to", to)
+    loaded = Loaded(module=None, helper="", device=cuda, dtype=torch.float16, name=NAME)
+    for array in (np.zeros((1, 3, 4, 4), dtype=np.float32), np.zeros(3, dtype=np.float32), np.arange(3)):
+        loaded.tensor(array)
+    preserved = torch.preserve_format
+    expected = [(torch.float16, torch.channels_last), (torch.float16, preserved), (torch.int64, preserved)]
+    assert sent == expected
+
+
 @pytest.mark.filterwarnings("ignore:the weights of")
 def test_compiling_is_an_option(models: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     compiled: list[str] = []

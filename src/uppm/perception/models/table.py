@@ -120,6 +120,15 @@ _SPECS = [
         ("slimsam-50", 112, "Zigeng/SlimSAM-uniform-50"),
         ("slimsam-77", 39, "Zigeng/SlimSAM-uniform-77"),
     ),
+    ModelSpec(
+        name="mobile-sam",
+        back_end="mobile_sam",
+        licence=_APACHE,
+        megabytes=45,
+        repo="Acly/MobileSAM",
+        weights=("mobile_sam_image_encoder.onnx",),
+        also=("sam_mask_decoder_single.onnx",),
+    ),
     *_family(
         "sam2",
         _APACHE,

@@ -8,11 +8,11 @@ from importlib import resources
 import cv2
 import numpy as np
 import numpy.typing as npt
-import onnxruntime
 
 from uppm.core.categories import unified_categories
 from uppm.core.config import PerceptionConfig
 from uppm.core.types import Detections, Label, Provenance
+from uppm.perception.models.onnx_session import open_session
 from uppm.perception.segmentation.suppression import classic
 
 MIN_SCORE = 0.4
@@ -29,11 +29,8 @@ class NanoDet:
     """Detector over COCO's 80 things; it ignores the labels that it is given."""
 
     def __init__(self, config: PerceptionConfig) -> None:
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = config.threads
-        options.log_severity_level = 3
         model = resources.files("uppm.data").joinpath("nanodet_coco80_fp16.onnx").read_bytes()
-        self._session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+        self._session = open_session(model, config.threads)
         self._min_score = MIN_SCORE if config.detector_score is None else config.detector_score
         self._nms_iou = config.detector_nms_iou
         names = [category.name for category in unified_categories() if category.is_thing]
