@@ -76,8 +76,7 @@ def test_a_profile_names_its_back_ends_and_their_models() -> None:
     full, light = PerceptionConfig(profile="foundation"), PerceptionConfig(profile="foundation-light")
     assert (full.detector, full.masks_model, full.prompts) == ("grounding_dino", "sam-vit-huge", "separate")
     assert (light.masks, light.masks_model, light.masks_side) == ("sam2", "sam2.1-hiera-tiny", 512)
-    assert (light.detector, light.captioner, light.use_captions) == ("owlvit", "tag2text", False)
-    assert PerceptionConfig(profile="foundation-light", captioner="florence2").use_captions
+    assert (light.detector, light.captioner) == ("owlvit", "vocabulary")
     # Another back end does not get the profile's model of its own.
     other = PerceptionConfig(profile="foundation", detector="owlv2", masks="sam2", prompts="joint")
     assert (other.detector_model, other.masks_model, other.prompts) == (None, None, "joint")

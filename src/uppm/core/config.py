@@ -115,7 +115,7 @@ class PerceptionConfig(Section):
     """Name in `uppm models list`; None: the back end's first there."""
     use_tags: bool = True
     """A captioner's tags become labels too."""
-    use_captions: bool = of_profile("use_captions", True)
+    use_captions: bool = True
     """A captioner that also gives tags writes a sentence, too; otherwise its tags alone are asked for, faster."""
     skip_blurry: bool = True
     """A frame that its caption calls blurry is skipped, and so is one below `min_sharpness`."""
@@ -134,7 +134,7 @@ class PerceptionConfig(Section):
     caption_beams: int = Field(default=3, ge=1)
     """Of the search for the best caption; 1: greedy."""
     tag_list: Path | None = None
-    """Tags of one's own for ram_plus, with their descriptions; None: its own list."""
+    """Tags of one's own for ram_plus, with their descriptions, and for vocabulary; None: their own lists."""
     detector: str = of_profile("detector", "nanodet")
     """Name in `uppm.perception.registry`."""
     detector_model: str | None = of_profile("detector_model", None)

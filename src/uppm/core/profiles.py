@@ -16,8 +16,7 @@ PROFILES: Mapping[str, Mapping[str, Any]] = {
         "masks_model": "sam-vit-huge",
     },
     "foundation-light": {
-        "captioner": "tag2text",
-        "use_captions": False,
+        "captioner": "vocabulary",
         "detector": "owlvit",
         "detector_model": "owlvit-base-patch32",
         "masks": "sam2",
@@ -31,7 +30,6 @@ PROFILES: Mapping[str, Mapping[str, Any]] = {
 """Profile -> its defaults of other settings of `PerceptionConfig`, where they are not those of `embedded`."""
 OF_BACK_END = {
     "captioner_model": "captioner",
-    "use_captions": "captioner",
     "detector_model": "detector",
     "masks_model": "masks",
     "masks_side": "masks",

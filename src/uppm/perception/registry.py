@@ -37,6 +37,7 @@ CAPTIONERS = {
     "ram_plus": "uppm.perception.captioners.ram_plus:RamPlus",
     "simulated": "uppm.perception.simulated.captioner:SimulatedCaptioner",
     "tag2text": "uppm.perception.captioners.tag2text:Tag2Text",
+    "vocabulary": "uppm.perception.captioners.vocabulary:Vocabulary",
 }
 DETECTORS = {
     "grounding_dino": "uppm.perception.segmentation.grounding_dino:GroundingDino",

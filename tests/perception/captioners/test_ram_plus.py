@@ -18,7 +18,7 @@ from uppm.perception.models.network import COMMAND
 torch = pytest.importorskip("torch", reason=f"torch is not installed: {COMMAND}", exc_type=ImportError)
 
 from uppm.perception.captioners import ram_plus  # noqa: E402  # needs torch
-from uppm.perception.captioners.open_tags import read_descriptions  # noqa: E402
+from uppm.perception.captioners.tag_list import read_descriptions  # noqa: E402
 
 DATA = Path(__file__).parent / "data"
 NAME, FILE = "ram-plus-swin-l", "ram_plus_swin_large_14m.pth"

@@ -26,8 +26,9 @@ from uppm.perception.captioners.checkpoint import (
     read_thresholds,
     square_image,
 )
-from uppm.perception.captioners.open_tags import OPEN_THRESHOLD, embed_descriptions, read_descriptions
+from uppm.perception.captioners.open_tags import OPEN_THRESHOLD, embed_descriptions
 from uppm.perception.captioners.swin import SWIN_L, Swin, SwinSize
+from uppm.perception.captioners.tag_list import read_descriptions
 from uppm.perception.models.network import Loaded, Network, Weights
 from uppm.perception.registry import model_of
 
