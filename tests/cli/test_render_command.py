@@ -43,6 +43,24 @@ def test_views_of_a_sequence_are_the_sequence(uppm: Uppm, map_file: Path, whole_
     assert views.frame(0).truth.things == things  # pyright: ignore[reportOptionalMemberAccess]
 
 
+def test_coco_panoptic_comes_back_as_a_front_end(uppm: Uppm, map_file: Path, whole_room: Path, tmp_path: Path) -> None:
+    folder, segments = tmp_path / "views", tmp_path / "segments"
+    done = uppm("render", map_file, "-o", folder, "--trajectory", whole_room, "--stride", 4, "--coco-panoptic")
+    assert done.code == 0, done.err
+    done = uppm("convert", "coco-panoptic", folder / "panoptic.json", "-o", segments)
+    assert done.out.startswith(f"{segments}: 3 frames, ")
+    assert "left out" not in done.out
+    things = {s.id for s in open_map(map_file).submaps if s.kind is SubmapKind.OBJECT}
+    for name in ("00000.png", "00004.png", "00008.png"):
+        images = [cv2.imread(str(path / name), cv2.IMREAD_UNCHANGED) for path in (folder / "instance", segments)]
+        instance, ids = (image for image in images if image is not None)
+        np.testing.assert_array_equal(ids == 0, instance == 0)
+        for thing in things & set(np.unique(instance).tolist()):
+            np.testing.assert_array_equal(ids == ids[instance == thing][0], instance == thing)
+    done = uppm("map", whole_room, "-o", tmp_path / "again.uppm", "--precomputed", segments, "--stride", 4)
+    assert done.code == 0, done.err
+
+
 @pytest.mark.parametrize("form", ["matrix", "kitti", "tum", "four lines"])
 def test_poses_are_read_in_each_form(uppm: Uppm, map_file: Path, tmp_path: Path, form: str) -> None:
     pose = np.eye(4)

@@ -36,9 +36,11 @@ def render(
     stride: Annotated[int, typer.Option(min=1, help="Use every n-th pose.")] = 1,
     max_frames: Annotated[int | None, typer.Option(min=1, help="Stop after so many poses.")] = None,
     depth_range: Annotated[tuple[float, float], typer.Option(help="What is drawn, metres.")] = (0.05, 60.0),
+    coco_panoptic: Annotated[bool, typer.Option("--coco-panoptic", help="Add panoptic.json and panoptic/.")] = False,
 ) -> None:
     """Colour, depth, instance and category images of a map, by casting rays into its submaps."""
     from uppm.core.folders import whole_folder
+    from uppm.export.coco_panoptic import CocoPanoptic
     from uppm.export.rendered import begin_sequence, write_view
     from uppm.map.raycast import Raycaster
     from uppm.pipeline import open_map
@@ -53,8 +55,14 @@ def render(
     with whole_folder(output) as folder:
         caster = Raycaster(panoptic)
         begin_sequence(folder, panoptic.submaps)
+        coco = CocoPanoptic(folder, panoptic.submaps) if coco_panoptic else None
         for index, T_map_camera in chosen:
-            write_view(folder, index, caster.render(T_map_camera, camera, depth_range=depth_range))
+            view = caster.render(T_map_camera, camera, depth_range=depth_range)
+            write_view(folder, index, view)
+            if coco:
+                coco.add(index, view)
+        if coco:
+            coco.finish()
     typer.echo(f"{output}: {len(chosen)} views of {camera.width}x{camera.height}")
 
 
