@@ -19,6 +19,8 @@ from uppm.core.types import Mesh
 from uppm.export.files import write_bytes
 
 FORMATS = (".ply", ".glb", ".obj")
+_ARRAY, _ELEMENT_ARRAY = 34962, 34963
+"""glTF's numbers for buffers of vertices and of indices."""
 
 
 def write_meshes(
@@ -53,7 +55,8 @@ def write_meshes(
     elif ending == ".obj":
         data = export_obj(trimesh.Scene({**parts}), include_normals=True, include_color=True).encode()
     else:
-        data = export_glb(_scene(parts, up, extras or {}), include_normals=True)
+        scene = _scene(parts, up)
+        data = export_glb(scene, include_normals=True, tree_postprocessor=lambda tree: _complete(tree, extras or {}))
     write_bytes(path, data)
 
 
@@ -104,12 +107,26 @@ def _trimesh(mesh: Mesh) -> trimesh.Trimesh:
     )
 
 
-def _scene(
-    parts: Mapping[str, trimesh.Trimesh], up: npt.NDArray[np.float64], extras: Mapping[str, Mapping[str, Any]]
-) -> trimesh.Scene:
+def _scene(parts: Mapping[str, trimesh.Trimesh], up: npt.NDArray[np.float64]) -> trimesh.Scene:
     scene = trimesh.Scene()
     turn = np.asarray(trimesh.geometry.align_vectors(up, [0.0, 1.0, 0.0]))
     for name, part in parts.items():
-        part.metadata = dict(extras.get(name, {}))
         scene.add_geometry(part, node_name=name, geom_name=name, transform=turn)
     return scene
+
+
+def _complete(tree: dict[str, Any], extras: Mapping[str, Mapping[str, Any]]) -> None:
+    """Add what trimesh leaves out of a glTF document: the nodes' extras, what buffers are for, and a matt material.
+
+    Without a material, glTF's default is bare metal, which a viewer without surroundings to mirror shows black.
+    """
+    matt = {"metallicFactor": 0.0, "roughnessFactor": 1.0}
+    tree["materials"] = [{"name": "matt", "pbrMetallicRoughness": matt}]
+    for node in tree["nodes"]:
+        if node.get("name") in extras:
+            node["extras"] = dict(extras[node["name"]])
+    for primitive in (primitive for mesh in tree["meshes"] for primitive in mesh["primitives"]):
+        primitive["material"] = 0
+        tree["bufferViews"][tree["accessors"][primitive["indices"]]["bufferView"]]["target"] = _ELEMENT_ARRAY
+        for accessor in primitive["attributes"].values():
+            tree["bufferViews"][tree["accessors"][accessor]["bufferView"]]["target"] = _ARRAY
