@@ -24,7 +24,7 @@ class Coloring(str, Enum):
 
 def export(
     path: Annotated[Path, typer.Argument(metavar="MAP", readable=False, help="Map file written by `uppm map`.")],
-    mesh: Annotated[Path | None, typer.Option(help="Mesh of the whole map, .ply, .glb or .obj.")] = None,
+    mesh: Annotated[Path | None, typer.Option(help="Mesh of the whole map, .ply, .glb, .obj or .usd.")] = None,
     color: Annotated[Coloring, typer.Option(help="What the mesh's and the pictures' colours show.")] = Coloring.COLOR,
     points: Annotated[Path | None, typer.Option(metavar="PLY", help="Cloud with instance and category.")] = None,
     objects: Annotated[Path | None, typer.Option(metavar="DIR", help="One mesh an object: ID_CATEGORY.ply.")] = None,
@@ -72,14 +72,19 @@ def _write_meshes(panoptic: PanopticMap, mesh: Path | None, objects: Path | None
 
 
 def write_mesh_file(panoptic: PanopticMap, file: Path, coloring: str) -> None:
-    """All surfaces of a map in one file, .ply, .glb or .obj."""
+    """All surfaces of a map in one file, .ply, .glb, .obj or USD."""
     from uppm.core.types import SubmapState
+    from uppm.export import usd
     from uppm.export.meshes import write_meshes
     from uppm.map.panoptic_map import submap_dict
 
     shown = [s for s in panoptic.submaps if s.state is not SubmapState.TENTATIVE]
     extras = {_mesh_name(s): submap_dict(s) for s in shown}
-    write_meshes(file, _meshes(panoptic, shown, coloring), up=panoptic.up, extras=extras)
+    meshes = _meshes(panoptic, shown, coloring)
+    if file.suffix.lower() in usd.FORMATS:
+        usd.write_usd(file, meshes, up=panoptic.up, extras=extras)
+    else:
+        write_meshes(file, meshes, up=panoptic.up, extras=extras)
 
 
 def _mesh_name(submap: Submap) -> str:
