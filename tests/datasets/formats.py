@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from tests.datasets import bags
-from tests.datasets.scene import CAMERA, image, pose, render, text, write_frames, write_tum
+from tests.datasets.scene import CAMERA, image, pose, quaternion, render, text, write_frames, write_tum
 from uppm.core.types import Intrinsics
 
 COUNT = 4
@@ -173,6 +173,53 @@ def bag(root: Path) -> Path:
     return bags.write(root, bags.room(bags.Maker(ros1=False)), mcap=True)
 
 
+def quaternion_first(T: np.ndarray) -> list[float]:
+    """As Record3D writes a pose: x, y, z, w, then the place, of a camera with y up and z backward."""
+    return [*quaternion(T @ np.diag([1.0, -1.0, -1.0, 1.0])).tolist(), *T[:3, 3].tolist()]
+
+
+def record3d(root: Path, *, columns: bool = True, **metadata: object) -> Path:
+    """The app's zip; depth at half the size, of every other pixel's place."""
+    from lzfse import compress
+
+    half = Intrinsics(fx=65, fy=65, cx=39.5, cy=29.5, width=80, height=60)
+    K = CAMERA.matrix.T if columns else CAMERA.matrix
+    about = {"w": CAMERA.width, "h": CAMERA.height, "K": K.ravel().tolist(), "fps": 30, "dw": 80, "dh": 60}
+    about |= {"poses": [quaternion_first(pose(i)) for i in range(COUNT)]}
+    path = root.with_suffix(".r3d")
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("metadata", json.dumps(about | metadata))
+        for i in range(COUNT):
+            color = cv2.imencode(".jpg", render(pose(i))[0][..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 98])[1]
+            archive.writestr(f"rgbd/{i}.jpg", color.tobytes())
+            archive.writestr(f"rgbd/{i}.depth", compress(render(pose(i), half)[1].astype("<f4").tobytes()))
+            archive.writestr(f"rgbd/{i}.conf", compress(np.full(80 * 60, 2, np.uint8).tobytes()))
+    return path
+
+
+def write_video(path: Path, images: list[np.ndarray]) -> None:
+    """FFV1, lossless: colour (H, W, 3) RGB or depth (H, W) uint16."""
+    color = images[0].ndim == 3
+    height, width = images[0].shape[:2]
+    options = [cv2.VIDEOWRITER_PROP_DEPTH, cv2.CV_8U if color else cv2.CV_16U, cv2.VIDEOWRITER_PROP_IS_COLOR, color]
+    code = cv2.VideoWriter.fourcc(*"FFV1")
+    video = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, code, 30.0, (width, height), [int(o) for o in options])
+    assert video.isOpened()
+    for picture in images:
+        video.write(picture[..., ::-1] if color else picture)
+    video.release()
+
+
+def video(root: Path) -> Path:
+    root.mkdir()
+    frames = [render(pose(i)) for i in range(COUNT)]
+    write_video(root / "color.mkv", [color for color, _ in frames])
+    write_video(root / "depth.mkv", [millimetres(depth) for _, depth in frames])
+    (root / "poses.txt").write_text("".join(text(pose(i).reshape(1, 16)) for i in range(COUNT)))
+    (root / "intrinsics.txt").write_text(text(CAMERA.matrix))
+    return root
+
+
 FORMATS = {
     "frames": (frames, "frames"),
     "7scenes": (seven_scenes, "7scenes"),
@@ -184,5 +231,7 @@ FORMATS = {
     "3rscan": (three_rscan, "3rscan"),
     "3rscan zip": (three_rscan_zip, "3rscan"),
     "panmap-flat": (panmap_flat, "panmap-flat"),
+    "record3d": (record3d, "record3d"),
+    "video": (video, "video"),
     "bag": (bag, "bag"),
 }

@@ -1,4 +1,4 @@
-"""`uppm convert`: other segmenters' output into the folder of the profile `precomputed`."""
+"""`uppm convert`: other segmenters' output into the folder of the profile `precomputed`; a sequence into a bag."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Annotated
 
 import typer
 
-convert_app = typer.Typer(help="Other segmenters' output, made ready for mapping.", no_args_is_help=True)
+convert_app = typer.Typer(help="Other segmenters' output and sequences, in other formats.", no_args_is_help=True)
 
 
 @convert_app.callback()
 def convert() -> None:
-    """Other segmenters' output, made ready for mapping."""
+    """Other segmenters' output and sequences, in other formats."""
 
 
 @convert_app.command("coco-panoptic")
@@ -35,3 +35,18 @@ def coco_panoptic(
         return
     dropped = "".join(f"; left out: {count} {reason}" for reason, count in done.dropped.items())
     typer.echo(f"{output}: {done.frames} frames, {done.segments} segments{dropped}")
+
+
+@convert_app.command("bag")
+def bag(
+    sequence: Annotated[Path, typer.Argument(readable=False, help="Folder or file of a posed RGB-D sequence.")],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Bag's folder to make.")],
+    set_: Annotated[list[str] | None, typer.Option("--set", help="One setting, as input.stride=2.")] = None,
+) -> None:
+    """A posed RGB-D sequence into a ROS 2 bag, as a robot with a depth camera records it."""
+    from uppm.core.config import Config
+    from uppm.datasets import open_sequence
+    from uppm.datasets.bags.writer import write_bag
+
+    count = write_bag(open_sequence(sequence, Config.load(overrides=set_ or []).input), output)
+    typer.echo(f"{output}: {count} frames")

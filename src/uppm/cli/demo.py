@@ -20,8 +20,12 @@ def demo(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the map, mesh and pictures.")] = Path(
         "out/demo"
     ),
+    sequence: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Copy the sequence there, no more.")] = None,
 ) -> None:
     """Map the demo sequence that ships with the package, ask it questions, write and name the files."""
+    if sequence:
+        copy_sequence(sequence)
+        return
     from uppm.cli.info import print_map
     from uppm.cli.map import print_report, run
     from uppm.cli.query import print_result
@@ -42,6 +46,17 @@ def demo(
     for written in (file, *write_files(panoptic, output)):
         typer.echo(str(written))
     typer.echo(f"done in {time.perf_counter() - start:.1f} s")
+
+
+def copy_sequence(target: Path) -> None:
+    """The sequence that ships as a folder of the user's own, and its name."""
+    import shutil
+
+    from uppm.core.folders import whole_folder
+
+    with resources.as_file(resources.files("uppm.data") / "demo") as folder, whole_folder(target) as copy:
+        shutil.copytree(folder, copy, dirs_exist_ok=True)
+    typer.echo(f"{target}: {len(list((target / 'color').iterdir()))} frames")
 
 
 def make_folder(path: Path) -> None:

@@ -123,6 +123,17 @@ def read_text(path: Path) -> str:
         raise InputError(path, expected="a text file", found=found, advice="see docs/datasets.md") from None
 
 
+def read_stamps(path: Path, count: int) -> list[float]:
+    """One time in seconds for each of `count` frames."""
+    values = parse_numbers(read_text(path))
+    if values is None or len(values) != count or not np.isfinite(values).all():
+        found = "other text" if values is None else f"{len(values)} numbers or one not finite"
+        raise InputError(
+            path, expected=f"{count} numbers, seconds", found=found, advice="write one a line, or delete it"
+        )
+    return values.tolist()
+
+
 def read_matrix(path: Path, size: int) -> npt.NDArray[np.float64]:
     """(size, size) finite matrix of a text file."""
     values = parse_numbers(read_text(path))

@@ -88,13 +88,7 @@ def _sequence(path: Path, frames: list[RawFrame], color: list[Path], depth: list
 def _stamps(path: Path, count: int) -> list[float]:
     if not path.exists():
         return [i / files.FRAME_RATE for i in range(count)]
-    values = files.parse_numbers(files.read_text(path))
-    if values is None or len(values) != count or not np.isfinite(values).all():
-        found = "other text" if values is None else f"{len(values)} numbers or one not finite"
-        raise InputError(
-            path, expected=f"{count} numbers, seconds", found=found, advice="write one a line, or delete it"
-        )
-    return values.tolist()
+    return files.read_stamps(path, count)
 
 
 def _labels(path: Path) -> tuple[dict[int, str], frozenset[int]]:

@@ -20,6 +20,8 @@ READERS = {
     "scannet": "uppm.datasets.scannet:ScanNet",
     "3rscan": "uppm.datasets.three_rscan:ThreeRScan",
     "panmap-flat": "uppm.datasets.panmap_flat:PanmapFlat",
+    "record3d": "uppm.datasets.record3d:Record3D",
+    "video": "uppm.datasets.video:Video",
     "bag": "uppm.datasets.bags.reader:Bag",
 }
 """Format -> reader; plug-ins add theirs under the entry-point group `uppm.readers`."""

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from uppm.core.config import InputConfig
 from uppm.core.errors import InputError
 from uppm.core.types import Intrinsics
-from uppm.datasets import files
+from uppm.datasets import files, trajectory
 from uppm.datasets.sequence import RawFrame, RawSequence
 from uppm.datasets.times import nearest
 
@@ -35,7 +35,7 @@ class Tum:
     def read(path: Path, config: InputConfig) -> RawSequence:
         color_times, color = _image_list(path / "rgb.txt")
         depth_times, depth = _image_list(path / "depth.txt")
-        pose_times, poses = _trajectory(path / "groundtruth.txt")
+        pose_times, poses = trajectory.read_trajectory(path / "groundtruth.txt")
         gap = config.time_tolerance
         of_depth, of_pose = nearest(color_times, depth_times, gap), nearest(color_times, pose_times, gap)
         used = np.flatnonzero((of_depth >= 0) & (of_pose >= 0))
@@ -68,28 +68,13 @@ class Tum:
         )
 
 
-def _rows(path: Path) -> list[list[str]]:
-    lines = (line.strip() for line in files.read_text(path).splitlines())
-    return [line.replace(",", " ").split() for line in lines if line and not line.startswith("#")]
-
-
 def _image_list(path: Path) -> tuple[npt.NDArray[np.float64], list[str]]:
-    rows = _rows(path)
+    rows = trajectory.rows(path)
     values = files.parse_numbers(" ".join(row[0] for row in rows))
     if not rows or values is None or any(len(row) != 2 for row in rows):
         found, advice = "other lines" if rows else "no line", "see docs/datasets.md"
         raise InputError(path, expected="lines of a time and a file name", found=found, advice=advice)
     return values, [row[1] for row in rows]
-
-
-def _trajectory(path: Path) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    rows = _rows(path)
-    values = files.parse_numbers(" ".join(" ".join(row) for row in rows))
-    if not rows or values is None or any(len(row) != 8 for row in rows):
-        found, advice = "other lines" if rows else "no line", "see docs/datasets.md"
-        raise InputError(path, expected="lines of time tx ty tz qx qy qz qw", found=found, advice=advice)
-    table = values.reshape(-1, 8)
-    return table[:, 0], table[:, 1:]
 
 
 def _intrinsics(path: Path, size: tuple[int, int]) -> tuple[Intrinsics, str]:
