@@ -16,6 +16,7 @@ from uppm.core.config import Config, InputConfig
 from uppm.core.errors import BadFrameError, InputError, MissingExtraError
 from uppm.core.geometry import invert, pose_from_quaternion
 from uppm.datasets import check_sequence, open_sequence
+from uppm.datasets.bags.transforms import NoTransformError, TransformTree
 
 pytest.importorskip("rosbags", reason="pip install uppm[ros] brings rosbags, with which bags are written here")
 from tests.datasets import bags
@@ -100,6 +101,19 @@ def test_frames_after_the_last_transform_are_bad_frames(tmp_path: Path) -> None:
     sequence.frame(2)
     with pytest.raises(BadFrameError, match=r"expected a pose, found none: '\w+' to '\w+': 0\.1\d\d s after the last"):
         sequence.frame(3)
+
+
+def test_a_tree_that_runs_on_forgets_old_transforms() -> None:
+    tree, moved = TransformTree(), np.eye(4)
+    for time in range(5):
+        moved[0, 3] = time
+        tree.add("map", "base", float(time), moved.copy(), fixed=False)
+    tree.forget("/base", before=2.0)
+    assert tree.lookup("map", "base", 2.5, 0.0)[0, 3] == 2.5
+    with pytest.raises(NoTransformError, match=r"1.000 s before the first of 3"):
+        tree.lookup("map", "base", 1.0, 0.0)
+    tree.forget("base", before=9.0)
+    assert tree.lookup("map", "base", 4.0, 0.0)[0, 3] == 4
 
 
 def test_a_depth_camera_of_its_own_is_registered(tmp_path: Path) -> None:

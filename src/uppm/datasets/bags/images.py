@@ -19,6 +19,8 @@ DEPTH_UNITS = {"16UC1": 1000.0, "mono16": 1000.0, "32FC1": 1.0}
 HEADER = 12
 """Bytes of compressedDepth before its PNG: the format, and the two numbers with which floats were quantised."""
 PNG = b"\x89PNG"
+PLAIN = {"rgb8": slice(None), "bgr8": slice(None, None, -1)}
+"""Encoding -> order of its channels as RGB; others need a library."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,6 +65,10 @@ def color_image(message: Any, where: str) -> npt.NDArray[np.uint8]:
     """(H, W, 3) RGB of a sensor_msgs Image or CompressedImage."""
     if hasattr(message, "format"):
         return files.decode_color(bytes(message.data), where)
+    row = 3 * message.width
+    if message.encoding in PLAIN and len(message.data) >= row * message.height > 0:
+        rows = np.asarray(message.data, dtype=np.uint8).reshape(message.height, -1)[:, :row]
+        return np.ascontiguousarray(rows.reshape(message.height, message.width, 3)[..., PLAIN[message.encoding]])
     from rosbags.image import ImageError, message_to_cvimage
 
     try:

@@ -77,6 +77,14 @@ class TransformTree:
         self._samples[child].append((time, T_parent_child))
         self._tracks.pop(child, None)
 
+    def forget(self, child: str, *, before: float) -> None:
+        """Drop a moving frame's samples of before a time, but for the last: what runs for days must not grow."""
+        samples = self._samples[child.lstrip("/")]
+        kept = [sample for sample in samples if sample[0] >= before] or samples[-1:]
+        if len(kept) < len(samples):
+            self._samples[child.lstrip("/")] = kept
+            self._tracks.pop(child.lstrip("/"), None)
+
     @property
     def frames(self) -> list[str]:
         """Names of all frames, sorted."""
