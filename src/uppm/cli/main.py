@@ -23,6 +23,7 @@ from uppm.cli.evaluate_segmentation import evaluate_segmentation_command
 from uppm.cli.evaluate_sequence import evaluate_sequence_command
 from uppm.cli.export import export
 from uppm.cli.info import info
+from uppm.cli.live import live
 from uppm.cli.map import map_command
 from uppm.cli.models import models_app
 from uppm.cli.query import query
@@ -40,6 +41,7 @@ evaluate_app.command("retrieval")(evaluate_retrieval_command)
 evaluate_app.command("aggregate")(evaluate_aggregate_command)
 app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False, add_completion=False)
 app.command("map")(map_command)
+app.command()(live)
 app.command()(check)
 app.command()(info)
 app.command()(query)

@@ -132,15 +132,14 @@ def _depth_camera(
         expected = f"depth images of {' or '.join(f'{w}x{h}' for w, h in sizes)}"
         raise InputError(path, expected=expected, found=f"{count} values", advice="export the recording again")
     width, height = min(fitting, key=lambda size: abs(size[0] / size[1] - aspect))
-    x, y = width / color.width, height / color.height
-    return Intrinsics(
-        fx=color.fx * x,
-        fy=color.fy * y,
-        cx=(color.cx + 0.5) * x - 0.5,
-        cy=(color.cy + 0.5) * y - 0.5,
-        width=width,
-        height=height,
-    )
+    return at_size(color, width, height)
+
+
+def at_size(camera: Intrinsics, width: int, height: int) -> Intrinsics:
+    """The same camera with coarser or finer pixels."""
+    x, y = width / camera.width, height / camera.height
+    cx, cy = (camera.cx + 0.5) * x - 0.5, (camera.cy + 0.5) * y - 0.5
+    return Intrinsics(fx=camera.fx * x, fy=camera.fy * y, cx=cx, cy=cy, width=width, height=height)
 
 
 def _poses(path: Path, metadata: dict[str, Any]) -> npt.NDArray[np.float64]:

@@ -1,0 +1,1 @@
+"""Cameras that run: each gives frames as they come, for `uppm.LiveMapper`."""
