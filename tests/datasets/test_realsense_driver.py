@@ -1,4 +1,4 @@
-"""The driver itself, without a camera: its software device records the rendered room, which is then played and mapped."""
+"""The driver itself, without a camera: its software device records the rendered room, which is played and mapped."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-rs: Any = pytest.importorskip("pyrealsense2", reason="pip install uppm[realsense] brings the driver")
 import uppm
 from tests.datasets.scene import CAMERA, pose, render
 from uppm.datasets.streams.realsense import RealSenseStream
 
+rs: Any = pytest.importorskip("pyrealsense2", reason="pip install uppm[realsense] brings the driver")
 COUNT = 4
 
 

@@ -40,7 +40,7 @@ def live(
     camera_on_body: Annotated[
         Path | None, typer.Option(help="realsense: 4x4 pose of the camera on what the poses are of.")
     ] = None,
-    recording: Annotated[Path | None, typer.Option(help="realsense: a recorded .bag instead of a camera.")] = None,
+    recording: Annotated[Path | None, typer.Option(help="realsense: a recording instead of a camera.")] = None,
     frames: Annotated[int | None, typer.Option(min=1, help="Stop after so many frames.")] = None,
     policy: Annotated[FullQueue, typer.Option(help="When the queue is full.")] = FullQueue.DROP_OLDEST,
     capacity: Annotated[int, typer.Option(min=1, help="Frames that wait at most.")] = 4,

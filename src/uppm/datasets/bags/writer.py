@@ -50,15 +50,13 @@ def write_bag(source: FrameSource, output: Path) -> int:
         raise MissingExtraError("rosbags, which writes bags,", COMMAND) from None
     store = get_typestore(Stores.ROS2_HUMBLE)
     with whole_folder(output) as folder:
-        # The library names the file after its folder, which it makes itself.
+        # The library makes its folder itself, and names the file after it.
         inner = folder / output.name
         with Writer(inner, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
             count = _write(source, bag, store)
         for file in list(inner.iterdir()):
-            file.rename(folder / f".{file.name}")
+            file.rename(folder / file.name)
         inner.rmdir()
-        for file in list(folder.iterdir()):
-            file.rename(folder / file.name[1:])
     return count
 
 

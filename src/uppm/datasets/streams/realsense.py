@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ PATIENCE_MS = 5000
 
 
 class RealSenseStream:
-    """Frames of the first camera connected, or of a recording of the RealSense viewer (.bag); depth aligned to colour.
+    """Frames of the first camera connected, or of a recording of the RealSense viewer; depth aligned to colour.
 
     Parameters
     ----------
@@ -39,7 +40,7 @@ class RealSenseStream:
 
     def __init__(self, pose_at: PoseAt, *, recording: Path | None = None) -> None:
         try:
-            import pyrealsense2 as rs  # pyright: ignore[reportMissingImports]
+            rs: Any = import_module("pyrealsense2")
         except ImportError:
             raise MissingExtraError("pyrealsense2, the camera's driver,", "pip install uppm[realsense]") from None
         self._rs, self._pose_at, self.without_pose = rs, pose_at, 0
