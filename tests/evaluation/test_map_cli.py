@@ -17,7 +17,6 @@ from uppm.cli.evaluate import evaluate_app
 from uppm.core.errors import InputError
 from uppm.evaluation.instances import InstanceMetrics
 from uppm.evaluation.panmap_metrics import PanmapMetrics
-from uppm.evaluation.surface_panoptic import SurfacePanopticMetrics
 
 DEMO = Path(str(resources.files("uppm.data").joinpath("demo")))
 
@@ -46,8 +45,11 @@ def test_a_map_of_known_instances(map_file: Path, truth: Path) -> None:
     result = CliRunner().invoke(evaluate_app, arguments)
     assert result.exit_code == 0, result.output
     found = json.loads(result.stdout)
-    wanted = {field.name for kind in (InstanceMetrics, SurfacePanopticMetrics, PanmapMetrics) for field in fields(kind)}
+    wanted = {field.name for kind in (InstanceMetrics, PanmapMetrics) for field in fields(kind)}
     assert wanted <= set(found)
+    qualities = {f"{q}_3d{of}" for q in ("pq", "rq", "sq") for of in ("", "_things", "_stuff")}
+    assert qualities | {"map_50", "miou", "fw_iou", "classes_excluded"} <= set(found)
+    assert not {"pq", "rq", "sq", "pq_things"} & set(found)
     # Six frames see the table with its chairs well, and little else.
     assert found["accuracy_cm"] < 2.5
     assert found["precision_5cm"] > 0.98

@@ -7,6 +7,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -16,14 +17,16 @@ from uppm.cli.studies import read_levels
 from uppm.core.config import Config
 from uppm.core.errors import InputError
 from uppm.core.types import Mesh
+from uppm.evaluation.error_colors import InstanceError
 from uppm.evaluation.map_evaluation import Reconstruction
 from uppm.evaluation.sampling import SurfacePart
-from uppm.studies.ablation import fill
+from uppm.regimes.report import write_report
+from uppm.studies.ablation import fill, measure_segments
 from uppm.studies.measure import measure, unified
-from uppm.studies.noise import CURVES, METHODS, draw_curves
+from uppm.studies.noise import CURVES, METHODS
 from uppm.studies.paper_tables import TABLES, VARIANTS
+from uppm.studies.report import ablation_report, noise_report
 from uppm.studies.runs import Runs
-from uppm.studies.segments import measure_segments
 
 DEMO = Path(str(resources.files("uppm.data"))) / "demo"
 FEW = ["perception.profile=simulated", "input.stride=10", "perception.min_mask_pixels=40"]
@@ -70,19 +73,26 @@ def test_changes_are_differences_or_percent() -> None:
 def test_runs_are_measured_once_and_kept(tmp_path: Path) -> None:
     asked: list[str] = []
 
-    def measured(sequence: Path, config: Config) -> dict[str, Any]:
+    def measured(sequence: Path, config: Config, picture: Path) -> dict[str, Any]:
         asked.append(sequence.name)
+        assert picture.parent == tmp_path / "new"
         return {"pq": config.perception.simulated.level}
 
     file, config = tmp_path / "new" / "runs.json", Config()
     runs = Runs.open(file, measured, resume=True)
-    assert runs(Path("a"), config) == runs(Path("a"), config) == {"pq": 1.0}
+    assert (
+        runs(Path("a"), config)
+        == runs(Path("a"), config)
+        == runs(Path("b"), config) | {"picture": runs(Path("a"), config)["picture"]}
+    )
+    assert runs(Path("a"), config)["pq"] == 1
+    assert runs(Path("a"), config)["picture"] != runs(Path("b"), config)["picture"]
     again = Runs.open(file, measured, resume=True)
     again(Path("a"), config)
     again(Path("a"), Config.load(None, ["perception.simulated.level=2"]))
-    assert asked == ["a", "a"]
+    assert asked == ["a", "b", "a"]
     Runs.open(file, measured, resume=False)(Path("a"), config)
-    assert asked == ["a", "a", "a"]
+    assert asked == ["a", "b", "a", "a"]
     file.write_text("{")
     with pytest.raises(InputError, match="expected the runs of a study"):
         Runs.open(file, measured, resume=True)
@@ -107,14 +117,17 @@ def test_levels_are_read_or_refused() -> None:
             read_levels(text)
 
 
-def test_without_noise_every_name_of_a_thing_is_asked_and_most_are_found() -> None:
+def test_without_noise_every_name_of_a_thing_is_asked_and_most_are_found(tmp_path: Path) -> None:
     config = Config.load(None, [*FEW, "perception.simulated.level=0"])
-    found = measure(DEMO, config)
+    found = measure(DEMO, config, tmp_path / "map.png")
     assert found["frames"] == 4
     assert found["prompts_present"] > 100
     assert found["prompts_absent"] > 10
     assert 0 < found["query_recall"] <= 1
     assert found["pq_3d"] > 0.1
+    green = np.array(InstanceError.RIGHT.value)
+    drawn = cv2.imread(str(tmp_path / "map.png"))[..., ::-1].reshape(-1, 3).astype(float)
+    assert ((drawn @ green > 0.98 * np.linalg.norm(drawn, axis=1) * np.linalg.norm(green)).mean()) > 0.02
     segments = measure_segments(DEMO, config)
     assert segments["pq"] > 0.9
     noisy = measure_segments(DEMO, Config.load(None, [*FEW, "perception.simulated.level=2"]))
@@ -122,15 +135,40 @@ def test_without_noise_every_name_of_a_thing_is_asked_and_most_are_found() -> No
     assert noisy["fn"] > segments["fn"]
 
 
-def test_curves_are_drawn(tmp_path: Path) -> None:
+def test_a_run_gives_the_same_figures_and_picture_again(tmp_path: Path) -> None:
+    config = Config.load(None, [*FEW, "input.stride=20"])
+    once, twice = (measure(DEMO, config, tmp_path / f"{n}.png") for n in range(2))
+    assert json.dumps(once) == json.dumps(twice)
+    assert (tmp_path / "0.png").read_bytes() == (tmp_path / "1.png").read_bytes()
+
+
+def test_reports_of_studies_have_tables_curves_and_the_pictures_that_are_there(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib", reason="matplotlib is not installed: pip install 'uppm[eval]'")
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((2, 2, 3), np.uint8))
+    variants = {name: {**row, "picture": "a.png" if name == "ppm" else "gone.png"} for name, row in figures().items()}
+    tables = [fill(table, variants) for table in TABLES]
+    write_report(tmp_path, ablation_report("run", "simulated", tables, variants, tmp_path))
+    text = (tmp_path / "report.html").read_text()
+    assert text.count("image/png") == 1
+    assert all(table.title in text for table in TABLES)
+    assert "the paper&#x27;s, which were measured on other data: Flat, 762 frames" in text
+    assert f"<td>{variants['uppm']['completeness_cm']:.2f} / 1.10</td>" in text
+    assert [r["method"] for r in json.loads((tmp_path / "report.json").read_text())["results"]] == list(VARIANTS)
+
+    curve = {key: 0.5 for key, _ in CURVES}
     rows = [
-        {"sequence": "run", "method": m, "level": level, **{key: 1 - level / 4 for key, _ in CURVES}}
+        {"sequence": "run", "method": m, "level": level, "picture": "a.png", **curve}
         for m in METHODS
         for level in (0.0, 1.0)
     ]
-    draw_curves(rows, tmp_path / "noise.png")
-    assert (tmp_path / "noise.png").read_bytes()[:4] == b"\x89PNG"
+    write_report(tmp_path, noise_report(rows, tmp_path))
+    text = (tmp_path / "report.html").read_text()
+    assert (text.count("image/png"), text.count("image/svg")) == (len(METHODS), 1)
+    found = json.loads((tmp_path / "report.json").read_text())["results"]
+    assert [(r["method"], r["curve"], r["level"]) for r in found][:2] == [
+        ("run: UPPM, noise 0", "UPPM", 0.0),
+        ("run: UPPM, noise 1", "UPPM", 1.0),
+    ]
 
 
 @pytest.mark.heavy
@@ -143,4 +181,5 @@ def test_the_ablation_of_the_demo_goes_through_and_on(tmp_path: Path) -> None:
     assert tables[0]["rows"][0]["ours"]["completeness_cm"] > 0
     again = CliRunner().invoke(app, [*arguments, "--resume"], catch_exceptions=False)
     assert json.loads(again.stdout)["tables"] == tables
-    assert set(json.loads((tmp_path / "ablation.json").read_text())["variants"]) == set(VARIANTS)
+    assert json.loads((tmp_path / "ablation.json").read_text())["tables"] == tables
+    assert (tmp_path / "report.html").read_text().count("image/png") == len(VARIANTS)

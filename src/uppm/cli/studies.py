@@ -27,23 +27,30 @@ def evaluate_ablation_command(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON for programs.")] = False,
 ) -> None:
     """The paper's ablations on one sequence: its tables, ours beside its own figures (docs/simulated.md)."""
+    from uppm.export.files import write_json
+    from uppm.regimes.report import make_folder, write_report
     from uppm.studies.ablation import fill, measure_all, run_ablation
     from uppm.studies.paper_tables import TABLES
+    from uppm.studies.report import ablation_report
     from uppm.studies.runs import Runs
 
     def tell(name: str, done: int, total: int) -> None:
         typer.echo(f"{done + 1} of {total}: {name}", err=True)
 
+    make_folder(output)
     settings = [f"perception.profile={json.dumps(perception)}", *(set_ or [])]
     runs = Runs.open(output / "ablation-runs.json", measure_all, resume=resume)
     figures = run_ablation(sequence, config, settings, runs, tell)
     tables = [{"title": table.title, "paper_data": table.paper_data, "rows": fill(table, figures)} for table in TABLES]
     found = {"data": sequence.name, "perception": perception, "settings": set_ or [], "tables": tables}
-    write_json(output / "ablation.json", {**found, "variants": figures})
+    write_json(output / "ablation.json", found)
+    rows = [table["rows"] for table in tables]
+    written = write_report(output, ablation_report(sequence.name, perception, rows, figures, output))
     if as_json:
         typer.echo(json.dumps(found, indent=2))
     else:
         _print_tables(sequence.name, perception, tables)
+        typer.echo("\n".join(map(str, written)))
 
 
 def evaluate_noise_command(
@@ -54,19 +61,21 @@ def evaluate_noise_command(
     resume: Resume = False,
 ) -> None:
     """Curves of PQ, object count and recall against simulated noise, for UPPM, PPM and panmap (docs/simulated.md)."""
+    from uppm.regimes.report import make_folder, write_report
     from uppm.studies.measure import measure
     from uppm.studies.noise import draw_curves, noise_curves
+    from uppm.studies.report import noise_report
     from uppm.studies.runs import Runs
 
     def tell(method: str, level: float, sequence: str) -> None:
         typer.echo(f"{sequence}: {method} at noise {level:g}", err=True)
 
+    make_folder(output)
     runs = Runs.open(output / "noise-runs.json", measure, resume=resume)
     rows = noise_curves(sequences, read_levels(levels), set_ or [], runs, tell)
-    write_json(output / "noise.json", rows)
-    draw_curves(rows, output / "noise.png")
+    draw_curves(rows).savefig(output / "noise.png", dpi=120)
     _print_curves(rows)
-    typer.echo(f"{output / 'noise.png'}, {output / 'noise.json'}")
+    typer.echo("\n".join(map(str, [*write_report(output, noise_report(rows, output)), output / "noise.png"])))
 
 
 def read_levels(text: str) -> list[float]:
@@ -83,15 +92,11 @@ def read_levels(text: str) -> list[float]:
     return levels
 
 
-def write_json(file: Path, data: Any) -> None:
-    """Write a result for programs."""
-    file.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
-
-
 def _print_tables(data: str, perception: str, filled: Sequence[Mapping[str, Any]]) -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from uppm.studies.ablation import cell
     from uppm.studies.paper_tables import TABLES
 
     console = Console(width=120)
@@ -99,18 +104,11 @@ def _print_tables(data: str, perception: str, filled: Sequence[Mapping[str, Any]
         paper = bool(table.paper_data)
         shown = Table("", *(f"{c.title}\nours{' / paper' if paper else ''}" for c in table.columns), title=table.title)
         for row in part["rows"]:
-            shown.add_row(row["row"], *(_cell(row, c.key, c.digits, paper=paper) for c in table.columns))
+            shown.add_row(row["row"], *(cell(row, c, paper=paper) for c in table.columns))
         console.print(shown)
         console.print(
             f"ours: {data}, {perception}" + (f"; paper: {table.paper_data}" if paper else ""), highlight=False
         )
-
-
-def _cell(row: Mapping[str, Any], key: str, digits: int, *, paper: bool) -> str:
-    sign = "+" if row["change"] else ""
-    figures = (row["ours"].get(key), row["paper"].get(key))
-    texts = ["-" if f is None else f"{f:{sign}.{digits}f}" for f in figures]
-    return " / ".join(texts) if paper else texts[0]
 
 
 def _print_curves(rows: Sequence[Mapping[str, Any]]) -> None:

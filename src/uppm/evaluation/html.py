@@ -22,6 +22,7 @@ table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 th, td { padding: .15rem .8rem .15rem 0; text-align: right; vertical-align: top; }
 th:first-child, td:first-child { text-align: left; }
 thead th { border-bottom: 1px solid #8893a3; } tbody tr:hover { background: #f3f5f8; }
+.wide { overflow-x: auto; }
 figure { margin: 1rem 0; } figure img { max-width: 100%; } figcaption { color: #56606e; font-size: .9rem; }
 .note { background: #fff6dd; border-left: 4px solid #e0b13a; padding: .4rem .8rem; }
 .key { display: inline-block; width: .9em; height: .9em; margin: 0 .35em 0 .9em; vertical-align: -.1em; }
@@ -54,7 +55,8 @@ def table(headings: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     """A table; the first column is text, the others numbers."""
     head = "".join(f"<th>{escape(h)}</th>" for h in headings)
     lines = ("<tr>" + "".join(f"<td>{escape(shown(cell))}</td>" for cell in row) + "</tr>" for row in rows)
-    return f"<table><thead><tr>{head}</tr></thead><tbody>\n" + "\n".join(lines) + "\n</tbody></table>"
+    body = "\n".join(lines)
+    return f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>\n{body}\n</tbody></table></div>'
 
 
 def image(data: bytes, kind: str, caption: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -16,8 +17,9 @@ from uppm.evaluation.ground_truth import UNKNOWN, SurfaceTruth
 from uppm.evaluation.instances import MIN_PIXELS, InstanceMetrics, instance_metrics
 from uppm.evaluation.normals import accuracy_along_normal
 from uppm.evaluation.panmap_metrics import PanmapMetrics, TsdfLayer, panmap_metrics
+from uppm.evaluation.panoptic_metrics import PanopticMetrics, panoptic_metrics
 from uppm.evaluation.sampling import SurfacePart, SurfaceSamples, sample_parts
-from uppm.evaluation.surface_panoptic import SurfacePanopticMetrics, surface_overlaps, surface_panoptic_metrics
+from uppm.evaluation.surface_panoptic import surface_overlaps
 
 FAR = 0.25
 """Metres from which on a point of R is where the ground truth does not reach."""
@@ -58,6 +60,8 @@ class Comparison:
 
 METRIC_GROUPS = ("geometry", "instances", "panoptic", "panmap")
 """Fields of `MapEvaluation` whose own fields are the metrics."""
+_IN_2D = re.compile(r"^([prs]q)")
+"""Quality on points is printed as `pq_3d`, so that nobody takes it for that of 2D frames."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,7 +85,9 @@ class MapEvaluation:
     geometry: GeometricMetrics
     instances: InstanceMetrics | None
     """None for a mesh whose submaps are not told apart."""
-    panoptic: SurfacePanopticMetrics | None
+    classes_excluded: int
+    """Classes that the ground truth names and has no point of: in no mean."""
+    panoptic: PanopticMetrics | None
     """Likewise."""
     panmap: PanmapMetrics | None
     """None for a mesh: these ask voxels."""
@@ -89,8 +95,9 @@ class MapEvaluation:
     def to_dict(self) -> dict[str, Any]:
         """Flat, as `--json` prints it (docs/evaluation.md)."""
         nested = asdict(self)
-        groups = [nested.pop(name) or {} for name in METRIC_GROUPS]
-        return nested | {key: value for group in groups for key, value in group.items()}
+        groups = {name: nested.pop(name) or {} for name in METRIC_GROUPS}
+        groups["panoptic"] = {_IN_2D.sub(r"\1_3d", key): value for key, value in groups["panoptic"].items()}
+        return nested | {key: value for group in groups.values() for key, value in group.items()}
 
 
 def evaluate_map(
@@ -145,7 +152,7 @@ def measure(comparison: Comparison, min_pixels: int = MIN_PIXELS) -> MapEvaluati
     instances = panoptic = panmap = None
     if c.reconstruction.is_told_apart:
         instances = instance_metrics(parts, c.samples, c.nearest, c.truth, min_pixels)
-        panoptic = surface_panoptic_metrics(surface_overlaps(parts, c.samples, c.nearest, c.truth), c.truth)
+        panoptic = panoptic_metrics([surface_overlaps(parts, c.samples, c.nearest, c.truth)])
     if c.reconstruction.layers:
         vertices = np.concatenate([part.mesh.vertices for part in parts])
         panmap = panmap_metrics(c.reconstruction.layers, vertices, c.truth.points)
@@ -163,6 +170,7 @@ def measure(comparison: Comparison, min_pixels: int = MIN_PIXELS) -> MapEvaluati
         accuracy_along_normal_cm=accuracy_along_normal(c.samples.points, c.truth.points, c.nearest, c.seed),
         geometry=geometric_metrics(c.nearest, c.truth.foreground),
         instances=instances,
+        classes_excluded=len(c.truth.classes_without_points),
         panoptic=panoptic,
         panmap=panmap,
     )

@@ -38,25 +38,30 @@ class ErrorPictures:
 
 def draw_errors(comparison: Comparison) -> ErrorPictures:
     """Pictures of one comparison, all from the same place."""
-    truth, parts = comparison.truth, comparison.reconstruction.parts
-    mesh = merged([_surface(part.mesh) for part in parts])
-    distance, index = nearest(mesh.vertices.astype(np.float64), truth.points)
-    view = choose_view(np.stack([truth.points.min(axis=0), truth.points.max(axis=0)]), up_of(truth))
+    truth = comparison.truth
+    mesh = merged([_surface(part.mesh) for part in comparison.reconstruction.parts])
+    distance, view = nearest(mesh.vertices.astype(np.float64), truth.points)[0], _view(truth)
     lost = comparison.nearest.to_reconstruction > THRESHOLD
     ghost = replace(mesh, colors=np.full_like(mesh.colors, FOUND))
     missed = merged([ghost, splats(truth.points[lost], view, MISSED)])
-    instances = None
-    if comparison.reconstruction.is_told_apart:
-        part = np.repeat([p.id for p in parts], [len(_surface(p.mesh).vertices) for p in parts])
-        instance = np.where(distance <= THRESHOLD, truth.instance[index], 0)
-        owners = main_instances(comparison.samples, comparison.nearest, truth)
-        errors = instance_errors(parts, part, instance, owners, truth)
-        instances = _drawn(mesh, np.array([error.value for error in errors], dtype=np.uint8), view)
     return ErrorPictures(
         distance=_drawn(mesh, distance_colors(distance), view),
         missed=render(missed, view, width=WIDTH, height=HEIGHT).image,
-        instances=instances,
+        instances=draw_instances(comparison) if comparison.reconstruction.is_told_apart else None,
     )
+
+
+def draw_instances(comparison: Comparison) -> Image:
+    """Picture of right and wrong instances (colours of `InstanceError`), from where `draw_errors` looks."""
+    truth, parts = comparison.truth, comparison.reconstruction.parts
+    meshes = [_surface(part.mesh) for part in parts]
+    mesh = merged(meshes)
+    distance, index = nearest(mesh.vertices.astype(np.float64), truth.points)
+    part = np.repeat([p.id for p in parts], [len(m.vertices) for m in meshes])
+    instance = np.where(distance <= THRESHOLD, truth.instance[index], 0)
+    owners = main_instances(comparison.samples, comparison.nearest, truth)
+    errors = instance_errors(parts, part, instance, owners, truth)
+    return _drawn(mesh, np.array([error.value for error in errors], dtype=np.uint8), _view(truth))
 
 
 def legend_of_instances() -> Mapping[tuple[int, int, int], str]:
@@ -87,6 +92,10 @@ def up_of(truth: SurfaceTruth) -> npt.NDArray[np.float64]:
     centre = points.mean(axis=0)
     normal = np.linalg.svd(np.cov((points - centre).T))[0][:, -1]
     return normal * (np.sign(normal @ (truth.points.mean(axis=0) - centre)) or 1.0)
+
+
+def _view(truth: SurfaceTruth) -> View:
+    return choose_view(np.stack([truth.points.min(axis=0), truth.points.max(axis=0)]), up_of(truth))
 
 
 def _drawn(mesh: Mesh, colors: Image, view: View) -> Image:

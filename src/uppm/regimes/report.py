@@ -8,18 +8,15 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
-
 from uppm.core.errors import InputError
 from uppm.evaluation import html, plots
 from uppm.evaluation.map_evaluation import Comparison
-from uppm.export.files import write_bytes, write_json
+from uppm.export.files import write_bytes, write_json, write_png
 from uppm.regimes.pictures import draw_errors, legend_of_instances
 
 DEFINITIONS = "Definitions of all figures: docs/evaluation.md."
-NESTED = ("matches", "per_class", "notes", "seconds", "answers")
-"""Values that would not fit a table."""
+NESTED = ("matches", "per_class", "notes", "seconds", "answers", "picture")
+"""Values that would not fit a table, or tell a reader nothing."""
 DISTANCE_CAPTION = "Distance to the ground truth: blue 0 cm, yellow 2.5 cm, red 5 cm and more."
 MISSED_CAPTION = "Red: ground truth without a reconstruction within 5 cm."
 
@@ -36,6 +33,8 @@ class Report:
     """Method -> what pictures are drawn of."""
     sections: Sequence[html.Section] = ()
     """More for the report, after the table."""
+    summary: Sequence[html.Section] = ()
+    """More for the report, before the table."""
 
 
 def make_folder(folder: Path) -> None:
@@ -58,7 +57,7 @@ def make_folder(folder: Path) -> None:
 
 def write_report(folder: Path, report: Report) -> list[Path]:
     """Write report.html, report.json and the pictures; returns their paths."""
-    sections = [html.Section(title="Figures", body=_figures(report))]
+    sections = [*report.summary, html.Section(title="Figures", body=_figures(report))]
     written: list[Path] = []
     if report.comparisons:
         sections.append(html.Section(title="Distances", body=_curves(report.comparisons)))
@@ -125,8 +124,7 @@ def _pictures(folder: Path, method: str, comparison: Comparison) -> tuple[html.S
         images["instances"], captions["instances"] = drawn.instances, html.legend(legend_of_instances().items())
     written, body = [], []
     for name, image in images.items():
-        data = cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1]))[1].tobytes()
-        write_bytes(folder / f"{method}_{name}.png", data)
         written.append(folder / f"{method}_{name}.png")
-        body.append(html.image(data, "image/png", captions[name]))
+        write_png(written[-1], image)
+        body.append(html.image(written[-1].read_bytes(), "image/png", captions[name]))
     return html.Section(title=f"Where {method} is wrong", body="\n".join(body)), written

@@ -14,9 +14,10 @@ from uppm.core.nulls import Timer
 from uppm.core.protocols import Closable, FrameSource
 from uppm.core.types import DescribedSegmentation, Frame
 from uppm.evaluation.ground_truth import TruthInstance
-from uppm.evaluation.image_panoptic import frame_overlaps, image_panoptic_metrics
+from uppm.evaluation.image_panoptic import frame_overlaps
+from uppm.evaluation.panoptic_metrics import panoptic_metrics
 from uppm.perception.describe import describe
-from uppm.perception.registry import create_labeler, create_segmenter
+from uppm.perception.registry import create_labeler, create_segmenter, seen_by_camera
 from uppm.perception.retrieval import create_retriever
 from uppm.perception.retrieval.embeddings import LabelEmbeddings
 from uppm.pipeline import good_frames, spread_frames
@@ -64,7 +65,7 @@ def evaluate_segmenter(source: FrameSource, truth: Mapping[int, TruthInstance], 
     InputError
         No frame has ground truth.
     """
-    tables = []
+    tables, source = [], seen_by_camera(source, config.perception)
     with closing(FrontEnd(config)) as front_end:
         front_end.prepare(spread_frames(source))
         for frame in good_frames(source):
@@ -77,7 +78,7 @@ def evaluate_segmenter(source: FrameSource, truth: Mapping[int, TruthInstance], 
     return {
         "sequence": source.name,
         "perception": config.perception.profile,
-        **asdict(image_panoptic_metrics(tables)),
+        **asdict(panoptic_metrics(tables)),
         **speed(front_end.timer.seconds, len(tables)),
         "skipped": front_end.skipped.total(),
     }

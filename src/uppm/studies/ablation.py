@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from uppm.core.config import Config
+from uppm.datasets.registry import open_sequence
+from uppm.evaluation.ground_truth import load_instances
+from uppm.regimes.segmentation import evaluate_segmenter
 from uppm.studies.measure import measure
-from uppm.studies.paper_tables import VARIANTS, PaperTable, Row
+from uppm.studies.paper_tables import VARIANTS, Column, PaperTable, Row
 from uppm.studies.runs import Runs
-from uppm.studies.segments import measure_segments
 
 Figures = Mapping[str, Mapping[str, Any]]
 """Variant -> metric -> value."""
@@ -45,9 +47,16 @@ def run_ablation(
     return figures
 
 
-def measure_all(sequence: Path, config: Config) -> dict[str, Any]:
+def measure_all(sequence: Path, config: Config, picture: Path) -> dict[str, Any]:
     """The map's metrics and those of the segments that went into it."""
-    return measure(sequence, config) | measure_segments(sequence, config)
+    return measure(sequence, config, picture) | measure_segments(sequence, config)
+
+
+def measure_segments(sequence: Path, config: Config) -> dict[str, Any]:
+    """PQ, SQ, RQ, and the matched and the missed true segments, over all frames that are not skipped."""
+    found = evaluate_segmenter(open_sequence(sequence, config.input), load_instances(sequence), config)
+    counts = {key: sum(of_class[key] for of_class in found["per_class"].values()) for key in ("tp", "fn")}
+    return {key: found[key] for key in ("pq", "sq", "rq")} | counts
 
 
 def fill(table: PaperTable, figures: Figures) -> list[dict[str, Any]]:
@@ -72,3 +81,11 @@ def _figure(table: PaperTable, row: Row, key: str, scale: float, figures: Figure
     if key in table.relative:
         return 100 * (value - before) / before if before else None
     return (value - before) * scale
+
+
+def cell(row: Mapping[str, Any], column: Column, *, paper: bool) -> str:
+    """A filled row's figure in one column as text, with the paper's own behind it if asked for."""
+    sign = "+" if row["change"] else ""
+    figures = (row["ours"].get(column.key), row["paper"].get(column.key))
+    texts = ["-" if f is None else f"{f:{sign}.{column.digits}f}" for f in figures]
+    return " / ".join(texts) if paper else texts[0]

@@ -6,23 +6,24 @@ import tempfile
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from uppm.core.config import Config, RetrievalConfig
-from uppm.core.types import Submap, SubmapKind, SubmapState
+from uppm.evaluation import map_evaluation
 from uppm.evaluation.ground_truth import SurfaceTruth, load_surface_truth
 from uppm.evaluation.instances import MIN_PIXELS, InstanceMatch
 from uppm.evaluation.language import PromptOutcome, language_metrics
-from uppm.evaluation.map_evaluation import Reconstruction, evaluate_map
-from uppm.evaluation.sampling import SurfacePart
+from uppm.evaluation.map_evaluation import Comparison, Reconstruction
+from uppm.export.files import write_png
 from uppm.map.panoptic_map import PanopticMap
 from uppm.perception.labels.lemma import lemmatize
 from uppm.perception.retrieval import create_retriever
 from uppm.perception.retrieval.embeddings import LabelEmbeddings
 from uppm.perception.simulated.names import name_table
 from uppm.pipeline import map_sequence, open_map, open_sequence
+from uppm.regimes.pictures import draw_instances
+from uppm.regimes.reconstructions import map_reconstruction
 
 POINTS_PER_M2 = 2_500
 """A quarter of what `uppm evaluate map` samples, since a study measures many maps."""
@@ -30,44 +31,30 @@ PROGRAM_ONLY = ("matches", "per_class")
 """What `evaluate_map` gives that fits no table."""
 
 
-def measure(sequence: Path, config: Config) -> dict[str, Any]:
-    """The metrics of docs/evaluation.md, and those of the answers to every name, of the map of a sequence."""
-    source = open_sequence(sequence, config.input)
+def measure(sequence: Path, config: Config, picture: Path) -> dict[str, Any]:
+    """The metrics of docs/evaluation.md, and those of the answers to every name, of the map of a sequence.
+
+    picture : where to draw the map's right and wrong instances, PNG.
+    """
+    source, truth = open_sequence(sequence, config.input), load_surface_truth(sequence)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "study.uppm"
         report = map_sequence(source, file, config)
-        panoptic_map = open_map(file)
-        found = measure_map(panoptic_map, load_surface_truth(sequence))
-    skipped = sum(report.skipped.values())
-    return {"frames": report.frames, "frames_skipped": skipped, **found}
+        found, comparison = measure_map(open_map(file), truth)
+    write_png(picture, draw_instances(comparison))
+    return {"frames": report.frames, "frames_skipped": sum(report.skipped.values()), **found}
 
 
-def measure_map(panoptic_map: PanopticMap, truth: SurfaceTruth) -> dict[str, Any]:
-    """Surface, instances and answers of one map."""
-    parts = tuple(map(partial(_part, panoptic_map), mapped(panoptic_map)))
-    reconstruction = unified(Reconstruction(source="map", parts=parts))
-    evaluation = evaluate_map(reconstruction, truth, points_per_m2=POINTS_PER_M2)
+def measure_map(panoptic_map: PanopticMap, truth: SurfaceTruth) -> tuple[dict[str, Any], Comparison]:
+    """Surface, instances and answers of one map, under unified categories; and what pictures are drawn of."""
+    # Without voxels: the two errors of Panoptic Multi-TSDFs are in no study.
+    reconstruction = replace(map_reconstruction(panoptic_map, "map"), layers=())
+    comparison = map_evaluation.compare(unified(reconstruction), truth, points_per_m2=POINTS_PER_M2)
+    evaluation = map_evaluation.measure(comparison)
     matches = evaluation.instances.matches if evaluation.instances else ()
     answers = language_metrics(name_outcomes(panoptic_map, matches, truth))
     flat = {key: value for key, value in evaluation.to_dict().items() if key not in PROGRAM_ONLY}
-    return flat | asdict(answers)
-
-
-def mapped(panoptic_map: PanopticMap) -> list[Submap]:
-    """What a map claims to be there."""
-    solid = (s for s in panoptic_map.submaps if s.kind is not SubmapKind.FREESPACE)
-    return [s for s in solid if s.state is not SubmapState.TENTATIVE]
-
-
-def _part(panoptic_map: PanopticMap, submap: Submap) -> SurfacePart:
-    d = submap.descriptor
-    return SurfacePart(
-        id=submap.id,
-        mesh=panoptic_map.submap_mesh(submap.id),
-        category=d.category.name if d else None,
-        is_object=submap.kind is SubmapKind.OBJECT,
-        score=d.confidence if d else 0.0,
-    )
+    return flat | asdict(answers), comparison
 
 
 def unified(reconstruction: Reconstruction) -> Reconstruction:

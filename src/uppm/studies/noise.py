@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from uppm.core.config import Config
-from uppm.core.errors import MissingExtraError
+from uppm.evaluation import plots
 from uppm.studies.paper_tables import VARIANTS
 from uppm.studies.runs import Runs
 
@@ -52,27 +52,23 @@ def noise_curves(
     return rows
 
 
-def draw_curves(rows: Sequence[Mapping[str, Any]], file: Path) -> None:
-    """A picture: one row of plots a sequence, one plot a metric, one line a method.
+def draw_curves(rows: Sequence[Mapping[str, Any]]) -> Any:
+    """A matplotlib figure: one row of plots a sequence, one plot a metric, one line a method.
 
     Raises
     ------
     MissingExtraError
         matplotlib is not installed.
     """
-    try:
-        from matplotlib.figure import Figure  # pyright: ignore[reportMissingImports]
-    except ImportError:
-        raise MissingExtraError("matplotlib", "pip install 'uppm[eval]'") from None
     sequences = list(dict.fromkeys(row["sequence"] for row in rows))
-    figure = Figure(figsize=(4.2 * len(CURVES), 3.2 * len(sequences)), layout="constrained")
-    axes = figure.subplots(len(sequences), len(CURVES), squeeze=False)
+    drawn = plots.figure(4.2 * len(CURVES), 3.2 * len(sequences))
+    axes = drawn.subplots(len(sequences), len(CURVES), squeeze=False)
     for line, sequence in zip(axes, sequences, strict=True):
         for axis, (metric, title) in zip(line, CURVES, strict=True):
             _draw(axis, [row for row in rows if row["sequence"] == sequence], metric)
             axis.set(title=f"{sequence}: {title}", xlabel="noise level")
     axes[0][0].legend(frameon=False)
-    figure.savefig(file, dpi=120)
+    return drawn
 
 
 def _draw(axis: Any, rows: Sequence[Mapping[str, Any]], metric: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -11,7 +12,8 @@ from typing import Any
 from uppm.core.config import Config
 from uppm.core.errors import InputError
 
-Measure = Callable[[Path, Config], dict[str, Any]]
+Measure = Callable[[Path, Config, Path], dict[str, Any]]
+"""Sequence, configuration, and the PNG file to draw the map to -> metrics."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -22,8 +24,7 @@ class Runs:
     ----------
     file : Path
         Where it is kept.
-    measure : callable
-        Sequence and configuration -> metrics.
+    measure : Measure
     """
 
     file: Path
@@ -44,9 +45,10 @@ class Runs:
         return cls(file=file, measure=measure, done=done)
 
     def __call__(self, sequence: Path, config: Config) -> dict[str, Any]:
-        """The metrics of one run, measured now or before."""
+        """The metrics of one run, measured now or before, and `picture`: its name beside `file`."""
         key = f"{sequence.name} {config.model_dump_json()}"
         if key not in self.done:
-            self.done[key] = self.measure(sequence, config)
+            picture = self.file.with_name(f"{hashlib.sha256(key.encode()).hexdigest()[:12]}.png")
+            self.done[key] = self.measure(sequence, config, picture) | {"picture": picture.name}
             self.file.write_text(json.dumps(self.done, indent=1), encoding="utf-8")
         return self.done[key]
