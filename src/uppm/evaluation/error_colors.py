@@ -50,14 +50,14 @@ def distance_colors(distances: npt.NDArray[np.floating], limit: float = THRESHOL
     return np.rint(np.stack(channels, axis=-1)).astype(np.uint8)
 
 
-def instance_errors(
+def instance_colors(
     parts: Sequence[SurfacePart],
     part: npt.NDArray[np.integer],
     instance: npt.NDArray[np.integer],
     owners: Mapping[int, int],
     truth: SurfaceTruth,
-) -> list[InstanceError]:
-    """What is right or wrong with each of N points.
+) -> npt.NDArray[np.uint8]:
+    """(N, 3) RGB: the colour of what is right or wrong with each of N points.
 
     Parameters
     ----------
@@ -67,8 +67,8 @@ def instance_errors(
     """
     by_id = {p.id: p for p in parts}
     pairs, inverse = np.unique(np.stack([part, instance]), axis=1, return_inverse=True)
-    kinds = [_error(by_id[int(p)], int(i), owners, truth) for p, i in pairs.T]
-    return [kinds[k] for k in inverse.ravel().tolist()]
+    colors = [_error(by_id[int(p)], int(i), owners, truth).value for p, i in pairs.T]
+    return np.array(colors, dtype=np.uint8).reshape(-1, 3)[inverse.ravel()]
 
 
 def _error(part: SurfacePart, instance: int, owners: Mapping[int, int], truth: SurfaceTruth) -> InstanceError:

@@ -71,7 +71,7 @@ def class_bars(per_class: Mapping[str, Mapping[str, float]]) -> bytes:
     axis.set_yticks(np.arange(len(classes)), classes, fontsize=7)
     axis.invert_yaxis()
     axis.grid(axis="x", alpha=0.25)
-    axis.legend(loc="lower right")
+    axis.legend(loc="upper left", bbox_to_anchor=(1, 1))
     return svg(drawn)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from uppm.core.types import Mesh
-from uppm.evaluation.error_colors import FOUND, MISSED, InstanceError, distance_colors, instance_errors
+from uppm.evaluation.error_colors import FOUND, MISSED, InstanceError, distance_colors, instance_colors
 from uppm.evaluation.geometry import THRESHOLD, nearest
 from uppm.evaluation.ground_truth import SurfaceTruth
 from uppm.evaluation.instances import main_instances
@@ -38,30 +38,56 @@ class ErrorPictures:
 
 def draw_errors(comparison: Comparison) -> ErrorPictures:
     """Pictures of one comparison, all from the same place."""
+    drawing = _Drawing.of(comparison)
     truth = comparison.truth
-    mesh = merged([_surface(part.mesh) for part in comparison.reconstruction.parts])
-    distance, view = nearest(mesh.vertices.astype(np.float64), truth.points)[0], _view(truth)
     lost = comparison.nearest.to_reconstruction > THRESHOLD
-    ghost = replace(mesh, colors=np.full_like(mesh.colors, FOUND))
-    missed = merged([ghost, splats(truth.points[lost], view, MISSED)])
+    ghost = replace(drawing.mesh, colors=np.full_like(drawing.mesh.colors, FOUND))
+    missed = merged([ghost, splats(truth.points[lost], drawing.view, MISSED)])
     return ErrorPictures(
-        distance=_drawn(mesh, distance_colors(distance), view),
-        missed=render(missed, view, width=WIDTH, height=HEIGHT).image,
-        instances=draw_instances(comparison) if comparison.reconstruction.is_told_apart else None,
+        distance=drawing.colored(distance_colors(drawing.distance)),
+        missed=render(missed, drawing.view, width=WIDTH, height=HEIGHT).image,
+        instances=_instances(comparison, drawing) if comparison.reconstruction.is_told_apart else None,
     )
 
 
 def draw_instances(comparison: Comparison) -> Image:
-    """Picture of right and wrong instances (colours of `InstanceError`), from where `draw_errors` looks."""
+    """The last of the pictures alone: right and wrong instances."""
+    return _instances(comparison, _Drawing.of(comparison))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Drawing:
+    """All parts as one mesh, and where its vertices lie in the ground truth."""
+
+    mesh: Mesh
+    part: npt.NDArray[np.int64]
+    """(V,) id of each vertex's part."""
+    distance: npt.NDArray[np.float64]
+    """(V,) to the nearest true point, metres."""
+    nearest: npt.NDArray[np.intp]
+    """(V,) which one that is."""
+    view: View
+
+    @classmethod
+    def of(cls, comparison: Comparison) -> _Drawing:
+        points, parts = comparison.truth.points, comparison.reconstruction.parts
+        meshes = [_surface(part.mesh) for part in parts]
+        mesh = merged(meshes)
+        distance, index = nearest(mesh.vertices.astype(np.float64), points)
+        view = choose_view(np.stack([points.min(axis=0), points.max(axis=0)]), up_of(comparison.truth))
+        part = np.repeat([part.id for part in parts], [len(mesh.vertices) for mesh in meshes])
+        return cls(mesh=mesh, part=part, distance=distance, nearest=index, view=view)
+
+    def colored(self, colors: Image) -> Image:
+        """A picture with a colour for each vertex."""
+        return render(replace(self.mesh, colors=colors), self.view, width=WIDTH, height=HEIGHT).image
+
+
+def _instances(comparison: Comparison, drawing: _Drawing) -> Image:
     truth, parts = comparison.truth, comparison.reconstruction.parts
-    meshes = [_surface(part.mesh) for part in parts]
-    mesh = merged(meshes)
-    distance, index = nearest(mesh.vertices.astype(np.float64), truth.points)
-    part = np.repeat([p.id for p in parts], [len(m.vertices) for m in meshes])
-    instance = np.where(distance <= THRESHOLD, truth.instance[index], 0)
+    instance = np.where(drawing.distance <= THRESHOLD, truth.instance[drawing.nearest], 0)
     owners = main_instances(comparison.samples, comparison.nearest, truth)
-    errors = instance_errors(parts, part, instance, owners, truth)
-    return _drawn(mesh, np.array([error.value for error in errors], dtype=np.uint8), _view(truth))
+    return drawing.colored(instance_colors(parts, drawing.part, instance, owners, truth))
 
 
 def legend_of_instances() -> Mapping[tuple[int, int, int], str]:
@@ -92,14 +118,6 @@ def up_of(truth: SurfaceTruth) -> npt.NDArray[np.float64]:
     centre = points.mean(axis=0)
     normal = np.linalg.svd(np.cov((points - centre).T))[0][:, -1]
     return normal * (np.sign(normal @ (truth.points.mean(axis=0) - centre)) or 1.0)
-
-
-def _view(truth: SurfaceTruth) -> View:
-    return choose_view(np.stack([truth.points.min(axis=0), truth.points.max(axis=0)]), up_of(truth))
-
-
-def _drawn(mesh: Mesh, colors: Image, view: View) -> Image:
-    return render(replace(mesh, colors=colors), view, width=WIDTH, height=HEIGHT).image
 
 
 def _surface(mesh: Mesh) -> Mesh:

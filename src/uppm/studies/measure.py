@@ -25,8 +25,6 @@ from uppm.pipeline import map_sequence, open_map, open_sequence
 from uppm.regimes.pictures import draw_instances
 from uppm.regimes.reconstructions import map_reconstruction
 
-POINTS_PER_M2 = 2_500
-"""A quarter of what `uppm evaluate map` samples, since a study measures many maps."""
 PROGRAM_ONLY = ("matches", "per_class")
 """What `evaluate_map` gives that fits no table."""
 
@@ -49,7 +47,7 @@ def measure_map(panoptic_map: PanopticMap, truth: SurfaceTruth) -> tuple[dict[st
     """Surface, instances and answers of one map, under unified categories; and what pictures are drawn of."""
     # Without voxels: the two errors of Panoptic Multi-TSDFs are in no study.
     reconstruction = replace(map_reconstruction(panoptic_map, "map"), layers=())
-    comparison = map_evaluation.compare(unified(reconstruction), truth, points_per_m2=POINTS_PER_M2)
+    comparison = map_evaluation.compare(unified(reconstruction), truth)
     evaluation = map_evaluation.measure(comparison)
     matches = evaluation.instances.matches if evaluation.instances else ()
     answers = language_metrics(name_outcomes(panoptic_map, matches, truth))
