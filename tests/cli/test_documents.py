@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -76,3 +77,21 @@ def test_every_option_is_documented_with_an_example(name: str) -> None:
     options = [o for p in COMMANDS[name].params if p.param_type_name == "option" for o in (*p.opts, *p.secondary_opts)]
     assert documented == set(options) - {"--help"}
     assert re.search(rf"^    {name}\b", section, re.MULTILINE)
+
+
+def lines_of(document: str) -> Iterator[str]:
+    """Commands in the document's blocks, without comments; patterns such as `MAP|MESH` are left out."""
+    text = (DOCS / document).read_text(encoding="utf-8")
+    for line in re.findall(r"^(?: {4})?(uppm [a-z][^\n]*)$", text, re.MULTILINE):
+        if not re.search(r"\.\.\.|MAP\|", line):
+            yield line.split(" #")[0]
+
+
+@pytest.mark.parametrize("document", ["results.md", "evaluation.md"])
+def test_commands_that_documents_show_are_understood(document: str) -> None:
+    shown = list(lines_of(document))
+    assert len(shown) >= 3
+    for line in shown:
+        words = shlex.split(line)
+        name = max((n for n in COMMANDS if f"{line} ".startswith(f"{n} ")), key=len)
+        COMMANDS[name].make_context(name, words[len(name.split()) :])
