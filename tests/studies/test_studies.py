@@ -126,7 +126,9 @@ def test_without_noise_every_name_of_a_thing_is_asked_and_most_are_found(tmp_pat
     assert 0 < found["query_recall"] <= 1
     assert found["pq_3d"] > 0.1
     green = np.array(InstanceError.RIGHT.value)
-    drawn = cv2.imread(str(tmp_path / "map.png"))[..., ::-1].reshape(-1, 3).astype(float)
+    picture = cv2.imread(str(tmp_path / "map.png"))
+    assert picture is not None
+    drawn = picture[..., ::-1].reshape(-1, 3).astype(float)
     assert ((drawn @ green > 0.98 * np.linalg.norm(drawn, axis=1) * np.linalg.norm(green)).mean()) > 0.02
     segments = measure_segments(DEMO, config)
     assert segments["pq"] > 0.9
