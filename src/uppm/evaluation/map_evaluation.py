@@ -95,6 +95,8 @@ class MapEvaluation:
     def to_dict(self) -> dict[str, Any]:
         """Flat, as `--json` prints it (docs/evaluation.md)."""
         nested = asdict(self)
+        if self.panoptic is None:
+            del nested["classes_excluded"]
         groups = {name: nested.pop(name) or {} for name in METRIC_GROUPS}
         groups["panoptic"] = {_IN_2D.sub(r"\1_3d", key): value for key, value in groups["panoptic"].items()}
         return nested | {key: value for group in groups.values() for key, value in group.items()}
