@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from tests.map.scenes import blocks_of, checkpoint_of, plane, submap_of
+from uppm.core.categories import category_by_name
+from uppm.core.errors import InputError
+from uppm.core.types import SubmapKind
+from uppm.map import occupancy
+from uppm.map.panoptic_map import PanopticMap
 from uppm.map.rooms import nearest_rooms, room_of, segment_rooms
+from uppm.map.scene import Scene
+from uppm.map.store import MapReader, MapWriter
 
 CELL = 0.05
 
@@ -83,3 +93,29 @@ def test_an_object_is_in_the_room_of_most_of_its_points(two: np.ndarray) -> None
     points = np.array([[5.0, 1.0], [5.1, 1.0], [4.0, 1.0]]) + origin
     assert room_of(points, rooms, origin, CELL) == 2
     assert room_of(np.array([[0.05, 1.0], [-3.0, 1.0]]) + origin, rooms, origin, CELL) == 1  # In the wall, and outside.
+
+
+@pytest.fixture
+def floor_only(tmp_path: Path) -> PanopticMap:
+    """A map that reaches nowhere near the heights of the plan."""
+    floor = submap_of(1, category_by_name()["floor-wood"], kind=SubmapKind.BACKGROUND, voxel=0.05)
+    blocks = blocks_of(plane((0, 0, 1), 0), (-1, -1, -0.2), (1, 1, 0.2), 0.05)
+    with MapWriter.create(tmp_path / "m.uppm", "{}", {}) as writer:
+        writer.checkpoint(checkpoint_of([floor], changed={1: blocks}))
+    return PanopticMap.from_file(MapReader.open(tmp_path / "m.uppm"))
+
+
+def test_a_map_without_anything_between_floor_and_ceiling_has_no_rooms(floor_only: PanopticMap) -> None:
+    assert floor_only.rooms == {}
+    scene = Scene(floor_only)
+    body = scene.placed(floor_only.submap(1))
+    assert body is not None
+    assert body.room == 0
+
+
+def test_a_map_too_large_for_a_plan_is_an_error_and_not_one_without_rooms(
+    floor_only: PanopticMap, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(occupancy, "MAX_CELLS", 10)
+    with pytest.raises(InputError, match="expected at most 10 cells"):
+        Scene(floor_only).placed(floor_only.submap(1))

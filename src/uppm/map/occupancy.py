@@ -24,6 +24,10 @@ FLOORS = "floor", "carpet", "rug"
 """Beginnings of the names of categories that one stands on."""
 
 
+class NothingThereError(InputError):
+    """The map has no surface, or none at the heights asked for."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OccupancyGrid:
     """Cells along the axes of frame grid: the map's, turned so that z is up."""
@@ -48,7 +52,7 @@ class OccupancyGrid:
         if not inside.size:
             found = f"{low:g} to {high:g} m, where the map reaches from {z[0]:.2f} to {z[-1]:.2f} m"
             advice = "name a band within it, a cell high at least"
-            raise InputError("height band", expected="heights over the floor", found=found, advice=advice)
+            raise NothingThereError("height band", expected="heights over the floor", found=found, advice=advice)
         return slice(int(inside[0]), int(inside[-1]) + 1)
 
     def plan(self, low: float, high: float) -> npt.NDArray[np.int8]:
@@ -78,7 +82,8 @@ def occupancy_grid(panoptic: PanopticMap, resolution: float = 0.05) -> Occupancy
     points = {s.id: transform(rotation, _dense(panoptic.submap_mesh(s.id), resolution)) for s in solid}
     seen = np.concatenate([np.empty((0, 3)), *points.values()])
     if not len(seen):
-        raise InputError("occupancy grid", expected="a map with surfaces", found="none", advice="map more frames")
+        advice = "map more frames"
+        raise NothingThereError("occupancy grid", expected="a map with surfaces", found="none", advice=advice)
     origin = np.floor(seen.min(axis=0) / resolution - 1) * resolution
     shape = tuple((np.ceil((seen.max(axis=0) - origin) / resolution).astype(int) + 1).tolist())
     if np.prod(shape, dtype=float) > MAX_CELLS:

@@ -10,12 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from uppm.core.categories import unified_categories
-from uppm.core.errors import InputError
 from uppm.core.geometry import invert, transform
 from uppm.core.types import Submap, SubmapKind
 from uppm.map.boxes import upright_box
 from uppm.map.colors import color_shares
-from uppm.map.occupancy import FREE, OCCUPIED, OccupancyGrid, occupancy_grid, upright
+from uppm.map.occupancy import FREE, OCCUPIED, NothingThereError, OccupancyGrid, occupancy_grid, upright
 from uppm.map.panoptic_map import PanopticMap
 from uppm.map.relations import Body
 from uppm.map.rooms import Labels, nearest_rooms, room_of, segment_rooms
@@ -140,7 +139,7 @@ class Scene:
         try:
             grid = occupancy_grid(self._map, ROOM_CELL)
             inside = floor_plan(grid)
-        except InputError:  # No surface, or none at that height: no rooms then.
+        except NothingThereError:
             return np.zeros((1, 1), dtype=np.int32), np.zeros(2), 0.0
         return segment_rooms(inside, ROOM_CELL), grid.origin[:2], grid.floor
 
