@@ -32,7 +32,7 @@ from uppm.map.store import MapMeta, MapReader, MapWriter, check_free, saved_conf
 from uppm.perception.front_end import FrontEnd, Percept, good_frames, spread_frames
 from uppm.perception.labels.lemma import lemmatize
 from uppm.perception.labels.phrases import pos_tags
-from uppm.perception.registry import create_labeler, create_segmenter, seen_by_camera
+from uppm.perception.registry import create_labeler, create_look_encoder, create_segmenter, seen_by_camera
 from uppm.perception.retrieval import create_retriever
 from uppm.perception.retrieval.category import category_vectors
 from uppm.perception.retrieval.embeddings import LabelEmbeddings
@@ -186,7 +186,7 @@ class Mapper:
         return PanopticMap(
             submaps=self._fusion.submaps(),
             voxels=self._fusion,
-            **_language(lambda: self._embeddings),
+            **_language(lambda: self._embeddings, lambda: create_look_encoder(self.config.perception)),
             label_embeddings=self._label_embeddings(self._fusion.submaps()),
             report=self.report,
             frames=self._all_records,
@@ -244,12 +244,17 @@ def open_map(path: str | Path) -> PanopticMap:
         There is no such file, or it is no map, damaged, or of a newer schema.
     """
     reader = CorrectedReader.open(path)
-    return PanopticMap.from_file(reader, **_language(lambda: LabelEmbeddings(known=reader.label_embeddings())))
+    language = _language(
+        lambda: LabelEmbeddings(known=reader.label_embeddings()),
+        lambda: create_look_encoder(saved_config(reader.meta).perception),
+    )
+    return PanopticMap.from_file(reader, **language)
 
 
-def _language(encoder: Callable[[], TextEncoder]) -> dict[str, Any]:
+def _language(encoder: Callable[[], TextEncoder], looks: Callable[[], TextEncoder]) -> dict[str, Any]:
     """What a map needs to understand a phrase."""
-    return {"encoder": encoder, "category_embeddings": category_vectors, "lemmatize": lemmatize, "tag": pos_tags}
+    understood = {"encoder": encoder, "category_embeddings": category_vectors, "look_encoder": looks}
+    return understood | {"lemmatize": lemmatize, "tag": pos_tags}
 
 
 def map_sequence(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 from uppm.core.categories import category_by_name, plain_name, unified_categories
 from uppm.core.errors import UppmError
+from uppm.core.features import VisualFeature
 from uppm.core.types import DynamicDescriptor, LabelRecord, Provenance, Submap, SubmapKind, SubmapState
 from uppm.map.query import Answer, SearchIndex
 from uppm.perception.labels.lemma import lemmatize
@@ -159,3 +161,49 @@ def test_real_embeddings_find_paraphrases_and_know_what_is_not_there() -> None:
             absent.append(not first.found)
     assert np.mean(present) >= 0.9
     assert np.mean(absent) >= 0.85
+
+
+def test_every_label_of_a_thing_speaks_for_it_in_its_share() -> None:
+    both = make_submap(1, "couch", chair=5, couch=5)
+    one = make_submap(2, "couch", chair=5, cup=5)
+    vector = unit(0, 1, 0.4)
+    index = SearchIndex([both, one], VECTORS, {})
+    labels = index.evidence("seat", vector)[0][:, 1]
+    cosines = np.array([VECTORS[name] @ vector for name in ("chair", "couch")])
+    assert labels[0] == pytest.approx(0.05 * np.log((0.5 * np.exp(cosines / 0.05)).sum()), abs=1e-5)
+    assert labels[0] > labels[1] > cosines[0] - 0.05
+    assert SearchIndex([make_submap(1, "cup", chair=3)], VECTORS, {}).evidence("seat", vector)[0][0, 1] == (
+        pytest.approx(cosines[0], abs=1e-5)
+    )
+
+
+def test_a_category_counts_by_its_share_of_the_votes_unless_it_is_pinned() -> None:
+    labels = (("cup", CUP), ("chair", CHAIR))
+    records = [make_submap(1, c.name, **{name: 1}).descriptor for name, c in labels]
+    voted = tuple(record for d in records if d for record in d.labels)
+    doubted = replace(make_submap(1, "cup"), descriptor=DynamicDescriptor(labels=voted, category=CUP, confidence=0.5))
+    pinned = replace(make_submap(2, "cup"), descriptor=DynamicDescriptor(labels=voted, category=CUP, confidence=1.0))
+    couch = unit(0, 0.6, 0.8)
+    lag = SearchIndex([doubted, pinned], VECTORS, CATEGORIES).evidence("couch bed", couch)[0][:, 2]
+    # Half of the votes are for chairs, which are 0.4 less like it than couches are.
+    assert lag[0] == pytest.approx(-0.4 + 0.05 * np.log(0.5), abs=1e-3)
+    assert lag[1] == lag[0], "its label speaks for it still"
+    named = SearchIndex([pinned], {}, CATEGORIES).evidence("cup", VECTORS["cup"])[0][:, 2]
+    assert named == 0
+
+
+def test_looks_tell_two_things_apart_that_are_called_the_same() -> None:
+    red, blue = unit(1, 0), unit(0, 1)
+    submaps = []
+    for number, look in ((1, blue), (2, red), (3, None)):
+        submap = make_submap(number, "chair", chair=1)
+        feature = None if look is None else VisualFeature(mean=0.5 * look, count=4)
+        assert submap.descriptor
+        submaps.append(replace(submap, descriptor=replace(submap.descriptor, feature=feature)))
+    index = SearchIndex(submaps, VECTORS, CATEGORIES, np.stack([unit(1, 0.1), unit(0.1, 1)]))
+    looks = index.evidence("chair", VECTORS["chair"], red)[0][:, 3]
+    np.testing.assert_allclose(looks, [-unit(0.1, 1)[1], 0, 0], atol=1e-6)
+    assert [a.submap.id for a in index.rank("chair", VECTORS["chair"], look=red)] == [2, 3, 1]
+    assert not index.evidence("chair", VECTORS["chair"])[0][:, 3].any()
+    blind = SearchIndex(submaps, VECTORS, CATEGORIES)
+    assert not blind.evidence("chair", VECTORS["chair"], red)[0][:, 3].any()

@@ -15,6 +15,7 @@ from uppm.core.errors import InputError
 from uppm.core.protocols import TextEncoder, VoxelSource
 from uppm.core.types import Change, FrameRecord, Mesh, Report, Submap, SubmapKind, SubmapState, VoxelBlocks
 from uppm.map.corrections import Correction
+from uppm.map.looks import Looks
 from uppm.map.palette import submap_color
 from uppm.map.query import Answer, SearchIndex
 from uppm.map.store import MapMeta, MapReader
@@ -37,6 +38,8 @@ class QueryResult:
     """The submaps that are more likely meant than not, the most probable first; none: nothing here matches."""
     closest: tuple[Answer, ...]
     """Where nothing matches: the submaps that come closest."""
+    note: str = ""
+    """What could not be asked of it."""
 
     @property
     def found(self) -> bool:
@@ -50,7 +53,7 @@ class QueryResult:
             "found": self.found,
             "results": [_answer_dict(answer) for answer in self.results],
             "closest": [_answer_dict(answer) for answer in self.closest],
-        }
+        } | ({"note": self.note} if self.note else {})
 
 
 class PanopticMap:
@@ -64,6 +67,8 @@ class PanopticMap:
     voxels : where their voxels are; asked only when they are needed.
     encoder : makes the text encoder, on the first query.
     category_embeddings : makes category id -> unit vectors, (D,) or (K, D), on the first query; None: of the names.
+    look_encoder : makes the text side of the model of the submaps' visual features, on the first query; None: they
+        do not count.
     lemmatize : brings a query into the form of the labels.
     tag : part-of-speech tags of words, for questions; without it every phrase is a plain one.
     label_embeddings : label text -> unit vector (D,), as stored with the map.
@@ -76,6 +81,7 @@ class PanopticMap:
         voxels: VoxelSource,
         encoder: Callable[[], TextEncoder] | None = None,
         category_embeddings: Callable[[], Mapping[int, Vector]] | None = None,
+        look_encoder: Callable[[], TextEncoder] | None = None,
         lemmatize: Callable[[str], str] = str.lower,
         tag: Callable[[Sequence[str]], Sequence[str]] | None = None,
         label_embeddings: Mapping[str, Vector] | None = None,
@@ -98,6 +104,7 @@ class PanopticMap:
         self._meshes: dict[int, Mesh] = {}
         self._voxels, self._make_encoder, self._lemmatize, self._tag = voxels, encoder, lemmatize, tag
         self._make_categories = category_embeddings or self._encoded_names
+        self._make_look_encoder = look_encoder
 
     @classmethod
     def from_file(
@@ -106,6 +113,7 @@ class PanopticMap:
         *,
         encoder: Callable[[], TextEncoder] | None = None,
         category_embeddings: Callable[[], Mapping[int, Vector]] | None = None,
+        look_encoder: Callable[[], TextEncoder] | None = None,
         lemmatize: Callable[[str], str] = str.lower,
         tag: Callable[[Sequence[str]], Sequence[str]] | None = None,
     ) -> PanopticMap:
@@ -115,6 +123,7 @@ class PanopticMap:
             voxels=reader,
             encoder=encoder,
             category_embeddings=category_embeddings,
+            look_encoder=look_encoder,
             lemmatize=lemmatize,
             tag=tag,
             label_embeddings=reader.label_embeddings(),
@@ -184,9 +193,14 @@ class PanopticMap:
         phrase = self._lemmatize(text.strip())
         if not phrase:
             raise InputError("query", expected="a phrase such as 'coffee mug'", found=repr(text), advice="name a thing")
-        answers = self._index.rank(phrase, self._encoder.encode([phrase])[0], closest=limit)
+        answers = self._search(phrase, limit)
         results = tuple(answer for answer in answers if answer.found)[:limit]
-        return QueryResult(text=text, results=results, closest=() if results else tuple(answers[:limit]))
+        closest = () if results else tuple(answers[:limit])
+        return QueryResult(text=text, results=results, closest=closest, note=self._looks.note)
+
+    def rank(self, text: str) -> list[Answer]:
+        """Every submap that has a label, found or not, the most probable first."""
+        return self._search(self._lemmatize(text), len(self.submaps))
 
     def ask(self, text: str, limit: int = 5, viewpoint: npt.ArrayLike | None = None) -> Reply:
         """What answers a question, such as 'how many chairs are in the kitchen' (docs/query.md).
@@ -230,13 +244,20 @@ class PanopticMap:
         return Scene(self)
 
     def _ranked(self, noun: str) -> list[Answer]:
-        phrase = self._lemmatize(noun)
-        return self._index.rank(phrase, self._encoder.encode([phrase])[0], closest=1)
+        return self._search(self._lemmatize(noun), 1)
+
+    def _search(self, phrase: str, closest: int) -> list[Answer]:
+        return self._index.rank(phrase, self._encoder.encode([phrase])[0], closest, self._looks.of(phrase))
 
     @cached_property
     def _index(self) -> SearchIndex:
         believed = [s for s in self.submaps if s.state is not SubmapState.TENTATIVE]
-        return SearchIndex(believed, self.label_embeddings, self._make_categories())
+        return SearchIndex(believed, self.label_embeddings, self._make_categories(), self._looks.categories)
+
+    @cached_property
+    def _looks(self) -> Looks:
+        seen = any(s.descriptor and s.descriptor.feature for s in self.submaps)
+        return Looks.made(self._make_look_encoder) if seen and self._make_look_encoder else Looks()
 
     @cached_property
     def _names(self) -> frozenset[str]:

@@ -14,7 +14,16 @@ from typing import Any
 
 from uppm.core.config import PerceptionConfig
 from uppm.core.errors import ConfigError
-from uppm.core.protocols import Captioner, Detector, FrameSource, Labeler, MaskGenerator, Segmenter, VisualEncoder
+from uppm.core.protocols import (
+    Captioner,
+    Detector,
+    FrameSource,
+    Labeler,
+    MaskGenerator,
+    Segmenter,
+    TextEncoder,
+    VisualEncoder,
+)
 from uppm.perception.featured import WithFeatures
 from uppm.perception.labels.caption import CaptionLabeler
 from uppm.perception.models.network import TORCH, missing_torch
@@ -59,6 +68,11 @@ VISUAL_ENCODERS = {
     "clip": "uppm.perception.visual_features:Clip",
     "siglip": "uppm.perception.visual_features:Siglip",
 }
+LOOK_ENCODERS = {
+    "clip": "uppm.perception.visual_features:ClipText",
+    "siglip": "uppm.perception.visual_features:SiglipText",
+}
+"""The text sides of these."""
 
 
 def create_segmenter(config: PerceptionConfig) -> Segmenter:
@@ -71,6 +85,12 @@ def create_visual_encoder(config: PerceptionConfig) -> VisualEncoder:
     """The encoder of `config.visual_feature`; raises ConfigError for an unknown name."""
     name = config.visual_feature
     return _create("perception.visual_feature", name, VISUAL_ENCODERS, "uppm.visual_features", config)
+
+
+def create_look_encoder(config: PerceptionConfig) -> TextEncoder:
+    """Texts in the space of `config.visual_feature`; raises ConfigError where that has no text side."""
+    name = config.visual_feature
+    return _create("perception.visual_feature", name, LOOK_ENCODERS, "uppm.look_encoders", config)
 
 
 def create_labeler(config: PerceptionConfig) -> Labeler:

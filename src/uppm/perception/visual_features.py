@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -53,3 +54,48 @@ def _encode(loaded: Loaded[Any], crops: list[npt.NDArray[np.uint8]]) -> npt.NDAr
         parts.append(found.float().cpu().numpy())
     vectors = np.concatenate(parts)
     return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+class ClipText:
+    """TextEncoder into the space of `Clip`."""
+
+    back_end, network = Clip.back_end, Clip.parts[0]
+
+    def __init__(self, config: PerceptionConfig) -> None:
+        name = model_of(self.back_end, config.visual_feature_model)
+        self._network = Network(config, name, self._load, hot=lambda module: (module.text_model,))
+
+    def encode(self, texts: Sequence[str]) -> npt.NDArray[np.float32]:
+        """(N, D) unit vectors."""
+        return self._network.run(lambda loaded: self._encode(loaded, list(texts)))
+
+    def close(self) -> None:
+        """Release the network."""
+        self._network.close()
+
+    def _load(self, weights: Weights) -> tuple[Any, Any]:
+        import transformers
+
+        tokenizer = transformers.AutoTokenizer.from_pretrained(weights.folder, local_files_only=True)
+        return weights.pretrained(getattr(transformers, self.network)), tokenizer
+
+    def _encode(self, loaded: Loaded[Any], texts: list[str]) -> npt.NDArray[np.float32]:
+        length = loaded.module.config.text_config.max_position_embeddings
+        fed = self._tokens(loaded.helper, texts, length)
+        found = loaded.module.get_text_features(**{k: loaded.tensor(v) for k, v in fed.items()}).pooler_output
+        vectors = found.float().cpu().numpy()
+        return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+    def _tokens(self, tokenizer: Any, texts: list[str], length: int) -> dict[str, npt.NDArray[np.int64]]:
+        fed = tokenizer(texts, padding=True, truncation=True, max_length=length, return_tensors="np")
+        return {name: fed[name] for name in ("input_ids", "attention_mask")}
+
+
+class SiglipText(ClipText):
+    """TextEncoder into the space of `Siglip`, which was trained on texts padded to full length, unmasked."""
+
+    back_end, network = Siglip.back_end, Siglip.parts[0]
+
+    def _tokens(self, tokenizer: Any, texts: list[str], length: int) -> dict[str, npt.NDArray[np.int64]]:
+        fed = tokenizer(texts, padding="max_length", truncation=True, max_length=length, return_tensors="np")
+        return {"input_ids": fed["input_ids"]}

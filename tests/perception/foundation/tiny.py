@@ -349,3 +349,14 @@ def write_graph(path: Path, nodes: Any, constants: Any, given: dict[str, Any], m
     model = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", 17)], ir_version=8)
     onnx.checker.check_model(model)
     onnx.save(model, path)
+
+
+def letters(folder: Path) -> None:
+    """A tokenizer of twenty letters beside a tiny network whose own tokenizer cannot be made small."""
+    from tokenizers import Tokenizer, models, pre_tokenizers
+
+    _, t = torch_or_skip()
+    words = ["[PAD]", "[BOS]", "[EOS]", "[UNK]", *"abcdefghijklmnopqrstuvwxyz"]
+    tokenizer = Tokenizer(models.WordLevel({word: i for i, word in enumerate(words)}, unk_token="[UNK]"))
+    tokenizer.pre_tokenizer = pre_tokenizers.Split("", "isolated")
+    t.PreTrainedTokenizerFast(tokenizer_object=tokenizer, pad_token="[PAD]", unk_token="[UNK]").save_pretrained(folder)
