@@ -44,7 +44,7 @@ FITTED = slice(0, 3)
 """Columns of the evidence whose weights are fitted."""
 LEVELS = np.arange(-1, 4.01, 0.5)
 """Log-odds that are tried for `found`."""
-AS_GOOD = 0.02
+AS_GOOD = 0.015
 """Share of phrases by which a level may fall behind the best."""
 Array = npt.NDArray[np.float64]
 

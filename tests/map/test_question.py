@@ -44,6 +44,11 @@ COLORS = {2: (200, 20, 25), 3: (20, 40, 200), 4: (130, 80, 35), 5: (200, 20, 25)
         ("backpack standing under the table", "backpack under [table]"),
         ("is there a mug on the dining table", "mug on [dining table]"),
         ("where is the trash can", "trash can"),
+        ("which mugs are blue", "blue mugs"),
+        ("which sofa is the longest", "longest sofa"),
+        ("which cats in the kitchen are black and white", "black white cats in [kitchen]"),
+        ("how many doors are green", "how many: green doors"),
+        ("what is the largest plant", "largest plant"),
     ],
 )
 def test_understood(text: str, understood: str) -> None:

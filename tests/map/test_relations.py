@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -130,3 +131,10 @@ def test_distances_are_between_surfaces() -> None:
     assert relations.gap(TABLE, CHAIR) == pytest.approx(0.2, abs=1e-3)
     assert relations.boxes_apart(TABLE, CHAIR) == pytest.approx(0.2)
     assert relations.boxes_apart(TABLE, CUP) == pytest.approx(0.01)
+
+
+def test_a_door_is_in_both_of_its_rooms() -> None:
+    cells = np.stack(np.meshgrid(*[np.linspace(0, 0.3, 5)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    bin_, door = Body(id=1, points=cells, room=1), Body(id=2, points=cells + np.array([0.4, 0, 0]), room=2)
+    assert not RELATIONS["next to"](bin_, [door], None)
+    assert RELATIONS["next to"](bin_, [replace(door, is_barrier=True)], None)

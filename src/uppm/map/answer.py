@@ -27,7 +27,7 @@ NEEDS_NO_ROOM = ("on", "under", "above", "below", "in", "against")
 """Relations that no wall comes between."""
 
 Search = Callable[[str], Sequence[Answer]]
-"""Noun -> the submaps that are found, the most probable first; where none is, what comes closest."""
+"""Noun -> all submaps, the most probable first."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -240,12 +240,13 @@ class Answerer:
 
 
 def of_kind(noun: str, answers: Sequence[Answer]) -> list[Answer]:
-    """The answers that are of a kind: those that are called so, else those about as good as the best.
+    """The answers that are of a kind: those that are called so, else those found that are about as good as the best.
 
-    Called so: by the matched label's head (`office chair`), the category, or its supercategory (`furniture`).
+    Called so: by the matched label's head (`office chair`), the category, or its supercategory (`furniture`); a cactus
+    is a potted plant, and so a plant, however unlike the two words are.
     """
     found = [answer for answer in answers if answer.found]
-    called = [answer for answer in found if _is_called(noun, answer)]
+    called = [answer for answer in answers if _is_called(noun, answer)]
     return called or [answer for answer in found if answer.score >= found[0].score - KIND_MARGIN]
 
 

@@ -221,7 +221,7 @@ class PanopticMap:
         if question is None:
             return Reply(text=text, plain=self.query(text, limit), note="not understood, searched as a plain phrase")
         place = None if viewpoint is None else self._scene.upright(np.asarray(viewpoint, dtype=np.float64))
-        answerer = Answerer(self._ranked, self.objects, self._scene, self._lemmatize, place)
+        answerer = Answerer(self.rank, self.objects, self._scene, self._lemmatize, place)
         found, note = answerer.answer(question)
         return Reply(
             text=text,
@@ -242,9 +242,6 @@ class PanopticMap:
         from uppm.map.scene import Scene
 
         return Scene(self)
-
-    def _ranked(self, noun: str) -> list[Answer]:
-        return self._search(self._lemmatize(noun), 1)
 
     def _search(self, phrase: str, closest: int) -> list[Answer]:
         return self._index.rank(phrase, self._encoder.encode([phrase])[0], closest, self._looks.of(phrase))

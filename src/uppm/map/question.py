@@ -1,6 +1,7 @@
 """A small grammar over part-of-speech tags: what a sentence asks of a map (docs/query.md).
 
-    question   := ["how many" | "where is" | "is there" | "what is" | "which"] thing
+    question   := ["how many" | "where is" | "is there" | "what is" | "which"] thing [("is" | "are") predicate]
+    predicate  := ["the"] superlative | colour
     thing      := {article} [superlative] {colour} noun [connector thing]
                 | ... "between" thing "and" thing
     connector  := a relation, or "to", "nearest to", "farthest from"
@@ -116,8 +117,20 @@ def parse(text: str, tag: Tagger) -> Question | None:
     words = tokens(text)
     count = next((c for c in COUNTS if tuple(words[: len(c)]) == c), ())
     tagged = list(zip(words, tag(words), strict=True))[len(count) :]
-    thing = _thing(tagged)
+    thing = _thing(_fronted(tagged))
     return Question(thing=thing, count=bool(count)) if thing else None
+
+
+def _fronted(tagged: Sequence[Word]) -> list[Word]:
+    """With a predicate before its noun: `which chairs are white` asks for white chairs."""
+    verb = next((i for i, (word, _) in enumerate(tagged) if word in ("is", "are")), len(tagged))
+    asked = [word for word in tagged[:verb] if word[0] not in QUESTION_WORDS]
+    said = [word for word in tagged[verb + 1 :] if word[0] not in ("the", "one", "ones", "and")]
+    if not asked or asked[-1][0] in ("room", "rooms"):  # Of which nothing can be asked.
+        return list(tagged)
+    if not said or not all(color_name(word) or word in SUPERLATIVES for word, _ in said):
+        return list(tagged)
+    return [*sorted(said, key=lambda word: word[0] not in SUPERLATIVES), *asked]
 
 
 def is_question(text: str) -> bool:

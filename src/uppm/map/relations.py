@@ -47,6 +47,8 @@ class Body:
     points: Points
     """(N, 3), metres, N > 0."""
     is_wall: bool = False
+    is_barrier: bool = False
+    """A wall, door or window: it stands between rooms, and is in none of them alone."""
     room: int = 0
     """0: none known."""
     seen_from: Points | None = None
@@ -176,7 +178,10 @@ def against(a: Body, wall: Body) -> bool:
 
 
 def same_room(a: Body, b: Body, *, unknown: bool = False) -> bool:
-    """Both are in one room; `unknown`: what to say where the room of either is not known."""
+    """Both are in one room; `unknown`: what to say where the room of either is not known, or it bounds
+    one: a door frame is in two."""
+    if unknown and (a.is_barrier or b.is_barrier):
+        return True
     return a.room == b.room if a.room and b.room else unknown
 
 

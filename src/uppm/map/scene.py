@@ -158,10 +158,12 @@ class Scene:
         cell = THINNED if submap.kind is SubmapKind.OBJECT else LARGE
         _, first = np.unique(np.floor(points / cell).astype(np.int64), axis=0, return_index=True)
         camera = self._cameras.get(submap.first_frame)
+        name = submap.descriptor.category.name if submap.descriptor else ""
         return Body(
             id=submap.id,
             points=self.upright(points[first].astype(np.float64)),
-            is_wall=submap.descriptor is not None and submap.descriptor.category.name.startswith("wall"),
+            is_wall=name.startswith("wall"),
+            is_barrier=name.startswith(BARRIERS),
             seen_from=None if camera is None else self.upright(camera[:3, 3]),
         )
 
