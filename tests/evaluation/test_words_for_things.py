@@ -40,7 +40,8 @@ def test_names_and_prompts_on_the_flat(profile: str, tmp_path: Path) -> None:
     wrong = [(a.name, truth.instances[a.thing].name, a.kind, a.place) for a in asked if not a.right]
     names = synonym_metrics(asked)
     assert names.unique >= 0.95, wrong
-    assert names.of_a_kind >= 0.94, wrong
+    # Short of the aim of 0.95 where the map itself has wrong names (docs/retrieval.md).
+    assert names.of_a_kind >= (0.95 if profile == "groundtruth" else 0.93), wrong
 
 
 def test_shares_are_over_names_and_over_things() -> None:
