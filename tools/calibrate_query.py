@@ -1,12 +1,13 @@
-"""Fit the constants of uppm.map.query, choose when an answer counts as found, and judge both on what neither has seen.
+"""Fit the constants of uppm.map.query, say how right each level of `found` is, and judge on lists not fitted on.
 
 Fitted on two sets that count alike: maps of a sequence with ground truth under simulated perception, with three seeds,
 asked for every name of the simulated front end and for what is not there (benchmarks/prompts/absent.txt); and the list
 tests/map/data/query_fit.tsv of a map's labels with paraphrases. One logistic regression over all pairs of phrase and
 submap; a phrase's pairs weigh 1 together for the right ones and 1 together for the wrong ones, so that a large map does
-not drown the right answers. An answer is found from the lowest level at which nearly as much is right as at the best:
-phrases for what is there of which something is found, and phrases for what is not there of which nothing is. The weight
-of looks is not fitted: no weights of such a model could be had. Needs the encoder's weights:
+not drown the right answers. For each level from which an answer may be found it says what is right: phrases for what
+is there of which something is found, and phrases for what is not there of which nothing is. The level is chosen by hand
+(docs/retrieval.md). The weight of looks is not fitted: no weights of such a model could be had. Needs the encoder's
+weights:
 
     python tools/calibrate_query.py flat/run2
 """
@@ -44,8 +45,6 @@ FITTED = slice(0, 3)
 """Columns of the evidence whose weights are fitted."""
 LEVELS = np.arange(-1, 4.01, 0.5)
 """Log-odds that are tried for `found`."""
-AS_GOOD = 0.015
-"""Share of phrases by which a level may fall behind the best."""
 Array = npt.NDArray[np.float64]
 
 
@@ -132,17 +131,14 @@ def fit(sets: Sequence[Sequence[Phrase]]) -> Array:
     return minimize(loss, np.zeros(x.shape[1])).x
 
 
-def level(sets: Sequence[Sequence[Phrase]], weights: Array) -> tuple[float, float]:
-    """The log-odds from which an answer is found, and the share of phrases that are right then."""
-
-    def right(phrases: Sequence[Phrase], least: float) -> float:
+def right_at(sets: Sequence[Sequence[Phrase]], weights: Array, least: float) -> float:
+    """The share of phrases that are right where answers are found from these log-odds on; mean of the sets."""
+    shares = []
+    for phrases in sets:
         found = np.array([(p.evidence @ weights).max() >= least for p in phrases])
         there = np.array([p.right.any() for p in phrases])
-        return (found[there].mean() + (~found[~there]).mean()) / 2
-
-    shares = [float(np.mean([right(phrases, least) for phrases in sets])) for least in LEVELS]
-    lowest = next(n for n, share in enumerate(shares) if share >= max(shares) - AS_GOOD)
-    return float(LEVELS[lowest]), shares[lowest]
+        shares.append((found[there].mean() + (~found[~there]).mean()) / 2)
+    return float(np.mean(shares))
 
 
 def judge(name: str, encoder: LabelEmbeddings) -> dict[str, float | list[tuple[str, str, float]]]:
@@ -165,10 +161,10 @@ def main(sequence: Path, say: Callable[[object], None] = print) -> None:
     simulated = [phrase for seed in SEEDS for phrase in map_phrases(sequence, seed, encoder)]
     sets = [simulated, list(list_phrases("query_fit.tsv", encoder))]
     weights = fit(sets).round(2)
-    least, share = level(sets, weights)
     query.WEIGHTS = (*weights.tolist(), query.WEIGHTS[3])  # pyright: ignore[reportAttributeAccessIssue]
-    query.FOUND_PROBABILITY = round(float(1 / (1 + np.exp(-least))), 2)  # pyright: ignore[reportAttributeAccessIssue]
-    say(f"WEIGHTS = {query.WEIGHTS}, FOUND_PROBABILITY = {query.FOUND_PROBABILITY}, right: {share:.3f}")
+    say(f"WEIGHTS = {query.WEIGHTS}")
+    for least in LEVELS:
+        say(f"found from log-odds {least:g}: {right_at(sets, weights, least):.3f} right")
     for name in ("query_fit.tsv", "query_check.tsv"):
         say(f"{name} {judge(name, encoder)}")
 

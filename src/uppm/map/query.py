@@ -15,7 +15,7 @@ Vector = npt.NDArray[np.float32]
 Values = npt.NDArray[np.float64]
 
 FOUND_PROBABILITY = 0.5
-"""At least so probable must an answer be to count as found; chosen by tools/calibrate_query.py."""
+"""At least so probable must an answer be to count as found; chosen on what tools/calibrate_query.py prints."""
 TEMPERATURE = 0.05
 """Cosine by which a label falls behind an object's best before it stops to matter."""
 WEIGHTS = (-1.56, 8.76, 10.26, 10.0)
