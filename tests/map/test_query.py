@@ -197,7 +197,7 @@ def test_looks_tell_two_things_apart_that_are_called_the_same() -> None:
     submaps = []
     for number, look in ((1, blue), (2, red), (3, None)):
         submap = make_submap(number, "chair", chair=1)
-        feature = None if look is None else VisualFeature(mean=0.5 * look, count=4)
+        feature = None if look is None else VisualFeature(mean=np.float32(0.5) * look, count=4)
         assert submap.descriptor
         submaps.append(replace(submap, descriptor=replace(submap.descriptor, feature=feature)))
     index = SearchIndex(submaps, VECTORS, CATEGORIES, np.stack([unit(1, 0.1), unit(0.1, 1)]))

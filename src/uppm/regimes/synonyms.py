@@ -58,7 +58,9 @@ def ask_names(panoptic_map: PanopticMap, truth: SurfaceTruth, owners: Mapping[in
     submaps: dict[int, set[int]] = defaultdict(set)
     for submap, instance in owners.items():
         submaps[instance].add(submap)
-    visible = [i for i in truth.instances.values() if i.is_thing and i.pixels >= MIN_PIXELS and submaps.get(i.id)]
+    visible = [
+        i for i in truth.instances.values() if i.is_thing and (i.pixels or 0) >= MIN_PIXELS and submaps.get(i.id)
+    ]
     retriever = PrototypeRetriever()
     category = {i.id: retriever.retrieve([i.name])[0].id for i in visible}
     called: dict[str, list[int]] = defaultdict(list)
