@@ -12,9 +12,11 @@ import pytest
 import trimesh
 import yaml
 from scipy.spatial import KDTree
+from typer.testing import CliRunner
 
 from tests.cli.conftest import Uppm
 from tests.export.gltf import assert_valid
+from uppm.cli.main import app
 from uppm.core.types import Mesh
 from uppm.map.panoptic_map import PanopticMap
 from uppm.pipeline import open_map
@@ -44,12 +46,13 @@ class Exported:
         return grey[::-1].T, meta
 
 
-@pytest.fixture
-def exported(uppm: Uppm, map_file: Path, tmp_path: Path) -> Exported:
-    done = uppm("export", map_file, *(part for key, name in FILES.items() for part in (key, tmp_path / name)))
-    assert done.code == 0, done.err
-    panoptic = open_map(map_file)
-    return Exported(folder=tmp_path, panoptic=panoptic, whole=panoptic.mesh())
+@pytest.fixture(scope="module")
+def exported(map_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Exported:
+    folder, panoptic = tmp_path_factory.mktemp("exported"), open_map(map_file)
+    options = [str(part) for key, name in FILES.items() for part in (key, folder / name)]
+    done = CliRunner().invoke(app, ["export", str(map_file), *options], catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    return Exported(folder=folder, panoptic=panoptic, whole=panoptic.mesh())
 
 
 def test_meshes_in_each_format_are_one_surface(uppm: Uppm, exported: Exported, map_file: Path) -> None:

@@ -35,10 +35,14 @@ def meshes() -> dict[str, Mesh]:
 def assert_same(found: trimesh.Trimesh, expected: Mesh) -> None:
     np.testing.assert_allclose(found.vertices, expected.vertices, atol=1e-6)
     np.testing.assert_array_equal(found.faces, expected.faces)
-    visual = found.visual  # With a material, trimesh takes the colours for one attribute among others.
-    assert isinstance(visual, ColorVisuals | TextureVisuals)
-    colors = visual.vertex_colors if isinstance(visual, ColorVisuals) else visual.vertex_attributes["color"]
-    np.testing.assert_array_equal(np.asarray(colors)[:, :3], expected.colors)
+    visual = found.visual
+    if isinstance(visual, ColorVisuals):
+        np.testing.assert_array_equal(np.asarray(visual.vertex_colors)[:, :3], expected.colors)
+        return
+    assert isinstance(visual, TextureVisuals)  # A GLB, which has a material and linear colours of 16 bits.
+    linear = visual.vertex_attributes["color"][:, :3] / 65535
+    srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    np.testing.assert_array_equal(np.rint(255 * srgb), expected.colors)
 
 
 def test_ply_round_trip(tmp_path: Path, meshes: dict[str, Mesh]) -> None:

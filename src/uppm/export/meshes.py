@@ -16,11 +16,14 @@ from trimesh.exchange.ply import export_ply
 
 from uppm.core.errors import InputError
 from uppm.core.types import Mesh
+from uppm.export.colors import linear_light
 from uppm.export.files import write_bytes
 
 FORMATS = (".ply", ".glb", ".obj")
 _ARRAY, _ELEMENT_ARRAY = 34962, 34963
 """glTF's numbers for buffers of vertices and of indices."""
+_UNSIGNED_SHORT, _FULL = 5123, 65535
+"""glTF's number for 16 bits, and their greatest value."""
 
 
 def write_meshes(
@@ -56,7 +59,12 @@ def write_meshes(
         data = export_obj(trimesh.Scene({**parts}), include_normals=True, include_color=True).encode()
     else:
         scene = _scene(parts, up)
-        data = export_glb(scene, include_normals=True, tree_postprocessor=lambda tree: _complete(tree, extras or {}))
+        data = export_glb(
+            scene,
+            include_normals=True,
+            buffer_postprocessor=_linearize,
+            tree_postprocessor=lambda tree: _complete(tree, extras or {}),
+        )
     write_bytes(path, data)
 
 
@@ -113,6 +121,21 @@ def _scene(parts: Mapping[str, trimesh.Trimesh], up: npt.NDArray[np.float64]) ->
     for name, part in parts.items():
         scene.add_geometry(part, node_name=name, geom_name=name, transform=turn)
     return scene
+
+
+def _linearize(buffers: dict[Any, bytes], tree: dict[str, Any]) -> None:
+    """Turn the vertex colours of a glTF document from sRGB bytes into linear light of 16 bits, as glTF has them."""
+    keys, accessors = list(buffers), list(tree["accessors"].values())
+    primitives = [primitive for mesh in tree["meshes"] for primitive in mesh["primitives"]]
+    # Meshes of the same colours share one buffer.
+    for number in {primitive["attributes"]["COLOR_0"] for primitive in primitives}:
+        key = keys[accessors[number]["bufferView"]]
+        rgba = np.frombuffer(buffers[key], dtype=np.uint8).reshape(-1, 4)
+        out = np.full(rgba.shape, _FULL, dtype="<u2")
+        out[:, :3] = np.rint(linear_light(rgba[:, :3]) * _FULL)
+        buffers[key], accessors[number]["componentType"] = out.tobytes(), _UNSIGNED_SHORT
+        for bound in ("min", "max"):
+            accessors[number].pop(bound, None)
 
 
 def _complete(tree: dict[str, Any], extras: Mapping[str, Mapping[str, Any]]) -> None:

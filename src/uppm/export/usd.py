@@ -15,6 +15,7 @@ from trimesh.geometry import align_vectors
 
 from uppm.core.errors import InputError, MissingExtraError
 from uppm.core.types import Mesh
+from uppm.export.colors import linear_light
 from uppm.export.files import write_bytes
 
 FORMATS = (".usd", ".usda", ".usdc")
@@ -78,15 +79,9 @@ def _define(pxr: Any, stage: Any, name: str, mesh: Mesh, extras: Mapping[str, An
     prim.CreateNormalsAttr(pxr.Vt.Vec3fArray.FromNumpy(mesh.normals))
     prim.SetNormalsInterpolation(pxr.UsdGeom.Tokens.vertex)
     color = prim.CreateDisplayColorPrimvar(pxr.UsdGeom.Tokens.vertex)
-    color.Set(pxr.Vt.Vec3fArray.FromNumpy(_linear(mesh.colors)))
+    color.Set(pxr.Vt.Vec3fArray.FromNumpy(linear_light(mesh.colors)))
     prim.GetPrim().SetDisplayName(name)
     prim.GetPrim().SetCustomDataByKey(DATA, _plain(pxr, extras))
-
-
-def _linear(colors: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
-    """Linear light, 0 to 1, of sRGB bytes (IEC 61966-2-1)."""
-    c = colors.astype(np.float32) / 255
-    return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4).astype(np.float32)
 
 
 def _plain(pxr: Any, values: Mapping[str, Any]) -> dict[str, Any]:
