@@ -28,6 +28,7 @@ from uppm.editing import CorrectedReader
 from uppm.fusion.engine import PanopticFusion
 from uppm.map.mesher import MapMesher
 from uppm.map.panoptic_map import PanopticMap
+from uppm.map.shown import live_content
 from uppm.map.store import MapMeta, MapReader, MapWriter, check_free, saved_config
 from uppm.perception.front_end import FrontEnd, Percept, good_frames, spread_frames
 from uppm.perception.labels.lemma import lemmatize
@@ -113,13 +114,11 @@ class Mapper:
             self._skip(FrameRecord(index=frame.index, stamp=frame.stamp, T_map_camera=None, skipped=percept.skip))
             return np.zeros(frame.depth.shape, dtype=np.int32)
         with self._timer("fusion"):
-            if percept.segmentation is None:
-                submap_ids = self._fusion.carry(frame)
-            else:
-                submap_ids = self._fusion.fuse(frame, percept.segmentation)  # UPF, equation 4
+            segments = percept.segmentation  # UPF, equation 4
+            submap_ids = self._fusion.carry(frame) if segments is None else self._fusion.fuse(frame, segments)
         self._integrated += 1
         self._record(FrameRecord(index=frame.index, stamp=frame.stamp, T_map_camera=frame.T_map_camera))
-        self._viewer.show(frame, submap_ids)
+        self._viewer.show(frame, submap_ids, lambda: live_content(self.map, self.meshes()))
         return submap_ids
 
     @exclusive

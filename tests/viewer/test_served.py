@@ -27,7 +27,7 @@ WIDTH = 680
 
 @pytest.fixture(scope="module")
 def served(panoptic: PanopticMap) -> Iterator[ServedMap]:
-    server = ServedMap(port=0, pictures=lambda shown: [])
+    server = ServedMap(port=0)
     server.show(content_of(panoptic, "room"))
     yield server
     server.close()

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from uppm.cli.changes import print_changes
+from uppm.cli.view import WatchedRun
 
 if TYPE_CHECKING:
     from uppm.core.config import Config
+    from uppm.core.protocols import FrameViewer
     from uppm.core.types import Report
     from uppm.datasets.sequence import PosedSequence
 
@@ -38,6 +40,9 @@ def map_command(
     check: Annotated[bool, typer.Option(help="Judge poses, scale and intrinsics first.")] = True,
     onto: Annotated[Path | None, typer.Option(help="Older map: say what changed since.", metavar="MAP.uppm")] = None,
     align: Annotated[bool, typer.Option("--align", help="Estimate where the older map lies in this one.")] = False,
+    view: Annotated[bool, typer.Option("--view", help="Show the map in the browser while it is made.")] = False,
+    view_host: Annotated[str, typer.Option(help="As `uppm view --host`.")] = "127.0.0.1",
+    view_port: Annotated[int, typer.Option(min=0, max=65535, help="As `uppm view --port`.")] = 8080,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
 ) -> None:
     """Map a posed RGB-D sequence into one file that answers questions."""
@@ -67,7 +72,9 @@ def map_command(
     source = open_sequence(sequence, settings.input)
     if check and not resume:
         warn_or_stop(source, quiet=as_json)
-    report = run(source, output, settings, resume=resume, overwrite=overwrite, quiet=as_json)
+    watched = WatchedRun(view_host, view_port, source) if view else None
+    viewer = watched.viewer if watched else None
+    report = run(source, output, settings, resume=resume, overwrite=overwrite, quiet=as_json, viewer=viewer)
     compared = compare_maps(onto, output, source, align=align) if onto else None
     if as_json:
         changes = {"changes": compared.to_dict()["changes"]} if compared else {}
@@ -76,6 +83,8 @@ def map_command(
         print_report(report, output)
         if compared:
             print_changes(compared)
+    if watched:
+        watched.stay(output)
 
 
 def check_onto(onto: Path | None, output: Path, *, align: bool) -> None:
@@ -132,7 +141,16 @@ def warn_or_stop(source: PosedSequence, *, quiet: bool) -> None:
         typer.echo(f"{source.name}: {len(source)} frames{agreement}")
 
 
-def run(source: PosedSequence, output: Path, config: Config, *, resume: bool, overwrite: bool, quiet: bool) -> Report:
+def run(
+    source: PosedSequence,
+    output: Path,
+    config: Config,
+    *,
+    resume: bool,
+    overwrite: bool,
+    quiet: bool,
+    viewer: FrameViewer | None = None,
+) -> Report:
     """Map with a progress bar; says so when kernels are compiled first."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -151,7 +169,8 @@ def run(source: PosedSequence, output: Path, config: Config, *, resume: bool, ov
         def show(done: int, total: int) -> None:
             progress.update(task, completed=done, total=total)
 
-        return map_sequence(source, output, config, resume=resume, overwrite=overwrite, progress=show)
+        options = {"resume": resume, "overwrite": overwrite}
+        return map_sequence(source, output, config, **options, progress=show, viewer=viewer)
 
 
 def report_dict(report: Report) -> dict[str, object]:

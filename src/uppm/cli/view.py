@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Annotated
@@ -12,6 +13,7 @@ if TYPE_CHECKING:
     from uppm.core.protocols import FrameSource
     from uppm.core.shown import Content, Shown
     from uppm.map.panoptic_map import PanopticMap
+    from uppm.viewer.served import ServedMap
 
 
 def view(
@@ -72,8 +74,18 @@ def export_page(content: Content, file: Path, source: FrameSource | None) -> Non
 
 def serve(content: Content, source: FrameSource | None, host: str, port: int) -> None:
     """Serve a map until the program is interrupted."""
-    from uppm.viewer.crops import best_crops
     from uppm.viewer.served import ServedMap
+
+    served = ServedMap(host=host, port=port)
+    served.pictures = pictures_of(content, source)
+    served.show(content)
+    typer.echo(f"{served.url}  (Ctrl-C ends)")
+    until_interrupted(served)
+
+
+def pictures_of(content: Content, source: FrameSource | None) -> Callable[[Shown], list[bytes]]:
+    """Best views of a map's objects; none without its sequence."""
+    from uppm.viewer.crops import best_crops
 
     def pictures(shown: Shown) -> list[bytes]:
         if source is None:
@@ -81,10 +93,36 @@ def serve(content: Content, source: FrameSource | None, host: str, port: int) ->
         found = best_crops({shown.submap.id: shown.mesh}, content.path, source)
         return [crop.jpeg() for crop in found.get(shown.submap.id, ())]
 
-    served = ServedMap(host=host, port=port, pictures=pictures)
-    served.show(content)
-    typer.echo(f"{served.url}  (Ctrl-C ends)")
+    return pictures
+
+
+def until_interrupted(served: ServedMap) -> None:
+    """Wait for Ctrl-C."""
     try:
         Event().wait()
     except KeyboardInterrupt:
         served.close()
+
+
+class WatchedRun:
+    """`uppm map --view`: the map in the browser while it is made, and afterwards until Ctrl-C."""
+
+    def __init__(self, host: str, port: int, source: FrameSource) -> None:
+        from uppm.viewer.live import LiveViewer
+        from uppm.viewer.served import ServedMap
+
+        self._source, self._served = source, ServedMap(host=host, port=port)
+        self.viewer = LiveViewer(self._served.show, lambda: self._served.watched)
+        typer.echo(self._served.url, err=True)
+
+    def stay(self, output: Path) -> None:
+        """Show the finished map, which answers questions too."""
+        from uppm.map.shown import content_of
+        from uppm.pipeline import open_map
+
+        self.viewer.close()
+        content = content_of(open_map(output), output.stem)
+        self._served.pictures = pictures_of(content, self._source)
+        self._served.show(content)
+        typer.echo(f"{self._served.url}  shows the finished map (Ctrl-C ends)", err=True)
+        until_interrupted(self._served)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Generator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from uppm.core.config import PerceptionConfig
 from uppm.core.language import Caption
+from uppm.core.shown import Content
 from uppm.core.types import Frame
 
 
@@ -27,7 +28,7 @@ class NoCaptioner:
 class NoViewer:
     """Shows nothing."""
 
-    def show(self, frame: Frame, submap_ids: npt.NDArray[np.int32]) -> None:
+    def show(self, frame: Frame, submap_ids: npt.NDArray[np.int32], content: Callable[[], Content]) -> None:
         """Do nothing."""
 
 

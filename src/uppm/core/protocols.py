@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
 
 from uppm.core.language import Caption, FrameLabels
+from uppm.core.shown import Content
 from uppm.core.types import Category, Detections, Frame, Label, PanopticSegmentation, VoxelBlocks
 
 
@@ -114,4 +115,6 @@ class Progress(Protocol):
 class FrameViewer(Protocol):
     """Watches the mapping; the default does nothing."""
 
-    def show(self, frame: Frame, submap_ids: npt.NDArray[np.int32]) -> None: ...
+    def show(self, frame: Frame, submap_ids: npt.NDArray[np.int32], content: Callable[[], Content], /) -> None:
+        """A frame was fused; `content` gives the map as it is now, and is to be called, if at all, before returning."""
+        ...

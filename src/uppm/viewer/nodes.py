@@ -31,53 +31,51 @@ Clicked = Callable[[int, Any], None]
 
 
 class SubmapNode:
-    """One submap: its surface in its own colours, and, once it is needed, in one colour."""
+    """One submap: its surface in its own colours, and in one colour, each sent when it is first needed."""
 
     def __init__(self, scene: Any, shown: Shown, clicked: Clicked) -> None:
         self.shown = shown
+        """As it is now; a surface that stays the same is not sent again."""
         self._scene, self._clicked = scene, clicked
-        self._textured: Any = None
-        self._flat: Any = None
-
-    def update(self, shown: Shown) -> None:
-        """Take over a newer state; a surface that is the same stays as it was sent."""
-        if shown.mesh is not self.shown.mesh:
-            self.remove()
-        self.shown = shown
+        self._sent: dict[bool, tuple[Any, Mesh]] = {}
+        """Textured or not -> its node and the surface that it has."""
 
     def apply(self, style: Style) -> None:
         """Show it so."""
-        textured, flat = style.visible and style.textured, style.visible and not style.textured
-        if textured and self._textured is None:
-            self._textured = self._scene.add_glb(self._name("textured"), _glb(self.shown.mesh), cast_shadow=False)
-            self._listen(self._textured)
-        if flat and self._flat is None:
-            mesh = self.shown.mesh
-            name = self._name("flat")
-            self._flat = self._scene.add_mesh_simple(name, mesh.vertices, mesh.faces, side="front", cast_shadow=False)
-            self._listen(self._flat)
-        if flat:
-            _set(self._flat, color=style.color, opacity=style.opacity)
-        for handle, visible in ((self._textured, textured), (self._flat, flat)):
+        for textured in (True, False):
+            wanted = style.visible and style.textured == textured
+            handle, mesh = self._sent.get(textured, (None, None))
+            if mesh is not self.shown.mesh:
+                if wanted:
+                    handle = self._add(textured)  # takes the place of an older one, without a gap
+                elif handle is not None:
+                    handle.remove()
+                    del self._sent[textured]
+                    continue
             if handle is not None:
-                _set(handle, visible=visible)
+                look = {} if textured else {"color": style.color, "opacity": style.opacity}
+                _set(handle, visible=wanted, **(look if wanted else {}))
 
     def remove(self) -> None:
         """Take it out of the scene."""
-        for handle in (self._textured, self._flat):
-            if handle is not None:
-                handle.remove()
-        self._textured = self._flat = None
+        for handle, _ in self._sent.values():
+            handle.remove()
+        self._sent.clear()
 
-    def _name(self, kind: str) -> str:
-        return f"/map/{self.shown.submap.id}/{kind}"
-
-    def _listen(self, handle: Any) -> None:
-        id_ = self.shown.submap.id
+    def _add(self, textured: bool) -> Any:
+        id_, mesh = self.shown.submap.id, self.shown.mesh
+        name = f"/map/{id_}/{'textured' if textured else 'flat'}"
+        if textured:
+            handle = self._scene.add_glb(name, _glb(mesh), cast_shadow=False)
+        else:
+            handle = self._scene.add_mesh_simple(name, mesh.vertices, mesh.faces, side="front", cast_shadow=False)
+        self._sent[textured] = handle, mesh
 
         @handle.on_click
         def _(event: Any) -> None:
             self._clicked(id_, event)
+
+        return handle
 
 
 class MapNodes:
@@ -102,7 +100,7 @@ class MapNodes:
             self._submaps.pop(id_).remove()
         for id_, shown in now.items():
             if id_ in self._submaps:
-                self._submaps[id_].update(shown)
+                self._submaps[id_].shown = shown
             else:
                 self._submaps[id_] = SubmapNode(self._scene, shown, self._clicked)
         self._path = content.path

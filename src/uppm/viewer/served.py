@@ -33,8 +33,6 @@ class ServedMap:
         Address to bind to. One that is not a loopback address is open to others, so a random token is asked for.
     port : int
         The next free one is taken where it is in use.
-    pictures : callable, optional
-        Best views of an object, asked for when it is clicked.
 
     Raises
     ------
@@ -44,12 +42,14 @@ class ServedMap:
         viser is not installed.
     """
 
-    def __init__(self, *, host: str = LOOPBACK, port: int = PORT, pictures: Pictures = lambda shown: []) -> None:
+    def __init__(self, *, host: str = LOOPBACK, port: int = PORT) -> None:
         server, self._token = start_server(host, port)
         from uppm.viewer.nodes import MapNodes
         from uppm.viewer.panel import Panel
 
-        self._server, self._host, self._pictures = server, host, pictures
+        self._server, self._host = server, host
+        self.pictures: Pictures = lambda shown: []
+        """Gives the best views of an object; asked when it is clicked."""
         self._lock = RLock()
         self.look = Look()
         """What is chosen now."""
@@ -115,7 +115,7 @@ class ServedMap:
 
     def _tell(self, submap_id: int | None) -> None:
         shown = self.nodes.shown.get(submap_id) if submap_id is not None else None
-        self.panel.tell(shown, self._pictures(shown) if shown else ())
+        self.panel.tell(shown, self.pictures(shown) if shown else ())
 
     def _look_at_all(self, content: Content) -> None:
         eye, target = start_view(content.shown, content.up)

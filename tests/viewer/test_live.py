@@ -1,0 +1,164 @@
+"""The viewer of a running map: what it costs the thread that maps, and what a browser sees."""
+
+from __future__ import annotations
+
+import sys
+from threading import Event, get_ident
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.scenes import Box, Plane, look_at, render
+from tests.viewer.conftest import keep
+from uppm.core.config import Config
+from uppm.core.shown import Content
+from uppm.core.types import Frame, GroundTruth
+from uppm.pipeline import Mapper
+from uppm.viewer.live import Allowance, LiveViewer
+from uppm.viewer.served import ServedMap
+
+SHAPES = [Plane([0, 0, 1], 0.0), Box([-0.3, -0.2, 0.0], [0.3, 0.2, 0.4]), Box([0.9, -0.3, 0.0], [1.2, 0.1, 0.5])]
+NAMES = {1: "floor", 2: "suitcase", 3: "chair"}
+
+
+def frame_at(index: int, shapes: int) -> Frame:
+    angle = 0.3 * index
+    eye = [2.4 * np.cos(angle), 2.4 * np.sin(angle), 1.4]
+    frame, ids = render(SHAPES[:shapes], look_at(eye, [0.4, 0.0, 0.2]), index)
+    truth = GroundTruth(instance=ids, names=NAMES, things=frozenset({2, 3}))
+    object.__setattr__(frame, "truth", truth)
+    return frame
+
+
+def mapper(viewer: Any = None) -> Mapper:
+    return Mapper(Config.load(None, ["perception.profile=groundtruth", "fusion.max_blocks=20000"]), viewer=viewer)
+
+
+def empty() -> Content:
+    none = np.empty((0, 3), dtype=np.float32)
+    return Content(title="", up=np.array([0.0, 0.0, 1.0]), shown=(), free=none, path=())
+
+
+class Endless:
+    """An allowance that is never used up."""
+
+    left = True
+
+    def spend(self, seconds: float) -> None: ...
+
+
+def test_an_allowance_is_a_share_of_the_time() -> None:
+    now = 100.0
+    allowance = Allowance(0.1, lambda: now)
+    assert allowance.left
+    allowance.spend(2.0)
+    now = 119.0
+    assert not allowance.left
+    now = 120.5
+    assert allowance.left
+    allowance.spend(0.1)
+    assert not allowance.left
+
+
+def test_a_slow_browser_never_slows_mapping() -> None:
+    """While one map is on its way for ever, a second waits, and no third is made."""
+    taken, go, made = Event(), Event(), []
+
+    def slow(content: Content) -> None:
+        taken.set()
+        go.wait()
+
+    def content() -> Content:
+        made.append(get_ident())
+        return empty()
+
+    viewer = LiveViewer(slow, lambda: True, Endless())  # pyright: ignore[reportArgumentType]
+    frame = frame_at(0, 1)
+    ids = np.zeros(frame.depth.shape, dtype=np.int32)
+    viewer.show(frame, ids, content)
+    assert taken.wait(timeout=60)
+    for _ in range(50):
+        viewer.show(frame, ids, content)
+    assert made == [get_ident()] * 2
+    go.set()
+    viewer.close()
+
+
+def test_without_a_browser_nothing_is_meshed() -> None:
+    made: list[Content] = []
+    viewer = LiveViewer(made.append, lambda: False)
+    mapping = mapper(viewer)
+    mapping.integrate(frame_at(0, 2))
+    viewer.close()
+    assert made == []
+    assert not mapping._mesher._submaps
+
+
+def test_the_share_bounds_what_is_shown() -> None:
+    """Each map costs a second; in a hundred seconds at most three are made."""
+    now, shown = 0.0, []
+    allowance = Allowance(0.03, lambda: now)
+    viewer = LiveViewer(shown.append, lambda: True, allowance)
+    frame = frame_at(0, 1)
+    for second in range(100):
+        now = float(second)
+        if allowance.left:
+            allowance.spend(1.0)
+            viewer.show(frame, np.zeros(frame.depth.shape, dtype=np.int32), empty)
+    viewer.close()
+    assert len(shown) <= 3
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_viewer_that_failed_can_be_closed() -> None:
+    def fail(content: Content) -> None:
+        sys.exit()  # ends the thread, and nothing else
+
+    viewer = LiveViewer(fail, lambda: True, Endless())  # pyright: ignore[reportArgumentType]
+    frame = frame_at(0, 1)
+    for _ in range(3):
+        viewer.show(frame, np.zeros(frame.depth.shape, dtype=np.int32), empty)
+    viewer.close()
+    assert not viewer._thread.is_alive()
+
+
+def test_objects_appear_while_mapping() -> None:
+    maps: list[Content] = []
+    viewer = LiveViewer(maps.append, lambda: True, Endless())  # pyright: ignore[reportArgumentType]
+    mapping = mapper(viewer)
+    for n in range(3):
+        mapping.integrate(frame_at(n, 2))
+    for n in range(3, 6):
+        mapping.integrate(frame_at(n, 3))
+    viewer.close()
+    first, last = maps[0], maps[-1]
+    assert {s.name for s in first.shown} == {"floor", "suitcase"}
+    assert {s.name for s in last.shown} == {"floor", "suitcase", "chair"}
+    assert len(last.path) > len(first.path)
+    assert last.ask("chair").ids == tuple(s.submap.id for s in last.shown if s.name == "chair")
+
+
+@pytest.mark.heavy
+def test_a_browser_sees_the_map_grow(page: Any) -> None:
+    served = ServedMap(port=0)
+    viewer = LiveViewer(served.show, lambda: served.watched, Endless())  # pyright: ignore[reportArgumentType]
+    try:
+        page.goto(served.url)
+        page.wait_for_selector("text=Screenshot")
+        mapping = mapper(viewer)
+        pictures = []
+        for shapes, frames in ((2, range(3)), (3, range(3, 9))):
+            for n in frames:
+                mapping.integrate(frame_at(n, shapes))
+            page.wait_for_timeout(3000)
+            pictures.append(keep(page, f"live-{shapes}"))
+        assert {s.name for s in served.nodes.shown.values()} == {"floor", "suitcase", "chair"}
+        assert (pictures[0] != pictures[1])[:, :680].any(axis=-1).sum() > 1000
+        prompt = page.locator("input:visible").first
+        prompt.fill("chair")
+        prompt.press("Enter")
+        page.wait_for_selector("text=chair · ")
+    finally:
+        viewer.close()
+        served.close()
