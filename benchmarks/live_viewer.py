@@ -3,8 +3,9 @@
     python benchmarks/live_viewer.py SEQUENCE [--repeat 4] [--rounds 3]
 
 A process of its own stands for the browser: it opens the page's web socket and reads all, or nothing, so that no
-rendering on the same cores is measured. The sequence is mapped several times over, from memory. Prints seconds and
-processor seconds (all threads) of `Mapper.integrate`, and their ratio to the run without a viewer of the same round.
+rendering on the same cores is measured. The sequence is mapped several times over, from memory. Prints the seconds of
+`Mapper.integrate`, the share of them that the thread which maps was in the viewer (by the same clock, so that it holds
+on a busy machine too), the processor seconds of all threads, and the ratio of those to the run without a viewer.
 """
 
 from __future__ import annotations
@@ -15,8 +16,11 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from urllib.parse import urlsplit
+
+import numpy as np
+import numpy.typing as npt
 
 from uppm.core.config import Config
 from uppm.core.shown import Content
@@ -40,23 +44,35 @@ with connect(address, subprotocols=["viser-v" + viser.__version__], max_size=Non
 CASES = ("none", "reads", "stalls")
 
 
-def run(frames: Sequence[Frame], config: Config, case: str) -> tuple[float, float, int]:
-    """Seconds, processor seconds, and maps shown, of one run."""
+class Timed(LiveViewer):
+    """Adds up how long the thread that maps is in it."""
+
+    seconds = 0.0
+
+    def show(self, frame: Frame, submap_ids: npt.NDArray[np.int32], content: Callable[[], Content], /) -> None:
+        """As it is, and timed."""
+        start = time.perf_counter()
+        super().show(frame, submap_ids, content)
+        self.seconds += time.perf_counter() - start
+
+
+def run(frames: Sequence[Frame], config: Config, case: str) -> tuple[float, float, float, int]:
+    """Seconds, processor seconds, seconds in the viewer, and maps shown, of one run."""
     if case == "none":
-        return *mapped(frames, Mapper(config)), 0
+        return *mapped(frames, Mapper(config)), 0.0, 0
     served, shown = ServedMap(port=0), []
 
     def show(content: Content) -> None:
         served.show(content)
         shown.append(content)
 
-    viewer = LiveViewer(show, lambda: True)
+    viewer = Timed(show, lambda: True)
     address = f"ws://127.0.0.1:{urlsplit(served.url).port}"
     client = subprocess.Popen([sys.executable, "-c", CLIENT, address, case], stdout=subprocess.PIPE)
     try:
         assert client.stdout is not None
         client.stdout.readline()
-        return *mapped(frames, Mapper(config, viewer=viewer)), len(shown)
+        return *mapped(frames, Mapper(config, viewer=viewer)), viewer.seconds, len(shown)
     finally:
         client.kill()
         client.wait()
@@ -87,14 +103,17 @@ def main() -> None:
     warm.meshes()
     rounds = [{case: run(frames, config, case) for case in CASES} for _ in range(given.rounds)]
     for case in CASES:
-        ratios = [[r[case][k] / r["none"][k] for r in rounds] for k in (0, 1)]
+
+        def median(of: Callable[[dict[str, tuple[float, ...]], str], float], case: str = case) -> float:
+            return statistics.median(of(r, case) for r in rounds)
+
         line = {
             "viewer": case,
-            "seconds": round(statistics.median(r[case][0] for r in rounds), 2),
-            "processor_seconds": round(statistics.median(r[case][1] for r in rounds), 2),
-            "ratio": round(statistics.median(ratios[0]), 3),
-            "processor_ratio": round(statistics.median(ratios[1]), 3),
-            "maps_shown": round(statistics.median(r[case][2] for r in rounds)),
+            "seconds": round(median(lambda r, c: r[c][0]), 2),
+            "share_in_viewer": round(median(lambda r, c: r[c][2] / r[c][0]), 4),
+            "processor_seconds": round(median(lambda r, c: r[c][1]), 2),
+            "processor_ratio": round(median(lambda r, c: r[c][1] / r["none"][1]), 3),
+            "maps_shown": round(median(lambda r, c: r[c][3])),
         }
         print(json.dumps(line))
 

@@ -43,6 +43,7 @@ def browser() -> Iterator[Any]:
 def page(browser: Any) -> Iterator[Any]:
     """An empty page; the test fails if a script of it does."""
     opened = browser.new_page(viewport={"width": 1000, "height": 640})
+    opened.set_default_timeout(120_000)  # a busy machine draws slowly
     errors: list[str] = []
     opened.on("pageerror", lambda error: errors.append(str(error)))
     yield opened
@@ -111,7 +112,7 @@ def change(state: ChangeState, old: int | None, new: int | None) -> Change:
 
 def until(page: Any, condition: str) -> None:
     """Wait for a JavaScript condition; evaluated from outside, since the page's own policy forbids `eval`."""
-    for _ in range(400):
+    for _ in range(2000):
         if page.evaluate(condition):
             return
         page.wait_for_timeout(25)

@@ -46,7 +46,7 @@ def opened(served: ServedMap, page: Any) -> Any:
 def settled(page: Any) -> np.ndarray:
     """A screenshot, as soon as two in turn are the same."""
     last = keep(page, "served")
-    for _ in range(60):
+    for _ in range(200):
         page.wait_for_timeout(100)
         now = keep(page, "served")
         if np.array_equal(now[:, :WIDTH], last[:, :WIDTH]):
@@ -56,7 +56,7 @@ def settled(page: Any) -> np.ndarray:
 
 
 def when(page: Any, condition: Any) -> None:
-    for _ in range(200):
+    for _ in range(1200):
         if condition():
             return
         page.wait_for_timeout(50)

@@ -25,7 +25,7 @@ def start_view(shown: Sequence[Shown], up: Vector) -> tuple[Vector, Vector]:
     low, high = corners.min(axis=0), corners.max(axis=0)
     target = (low + high) / 2
     first, _ = level_axes(up)
-    distance = float(0.9 * np.linalg.norm(high - low))
+    distance = float(0.62 * np.linalg.norm(high - low))
     return target + distance * (np.cos(0.95) * first + np.sin(0.95) * up), target
 
 

@@ -19,22 +19,27 @@ SHARE = 0.03
 
 
 class Allowance:
-    """A share of the time that passes, to be spent in pieces: after a piece one waits until it is within the share."""
+    """A share of the time that passes, to be spent in pieces.
+
+    A piece is begun only if one like the last would leave the whole within the share.
+    """
 
     def __init__(self, share: float, clock: Callable[[], float] = monotonic) -> None:
         self._share, self._clock = share, clock
-        self._start, self._spent, self._lock = clock(), 0.0, Lock()
+        self._start, self._lock = clock(), Lock()
+        self._spent = self._piece = 0.0
 
-    def spend(self, seconds: float) -> None:
-        """Note what was used."""
+    def spend(self, seconds: float, *, begins: bool = False) -> None:
+        """Note what was used, for a new piece or in addition for the last."""
         with self._lock:
             self._spent += seconds
+            self._piece = seconds if begins else self._piece + seconds
 
     @property
     def left(self) -> bool:
         """Something may be spent now."""
         with self._lock:
-            return self._spent <= self._share * (self._clock() - self._start)
+            return self._spent + self._piece <= self._share * (self._clock() - self._start)
 
 
 class LiveViewer:
@@ -65,7 +70,7 @@ class LiveViewer:
             return
         start = perf_counter()
         self._mailbox.put_nowait(content())
-        self._allowance.spend(perf_counter() - start)
+        self._allowance.spend(perf_counter() - start, begins=True)
 
     def close(self) -> None:
         """End the thread, after what it is showing."""

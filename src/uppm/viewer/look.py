@@ -8,8 +8,8 @@ from uppm.core.shown import Color, Coloring, Shown
 
 BEST_COLOR: Color = (255, 60, 30)
 ANSWER_COLOR: Color = (255, 140, 20)
-DIMMED_COLOR: Color = (110, 114, 122)
-DIMMED_OPACITY = 0.18
+DIMMED_COLOR: Color = (92, 96, 104)
+DIMMED_OPACITY = 0.28
 
 
 @dataclass(frozen=True, kw_only=True)
