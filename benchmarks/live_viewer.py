@@ -49,7 +49,7 @@ class Timed(LiveViewer):
 
     seconds = 0.0
 
-    def show(self, frame: Frame, submap_ids: npt.NDArray[np.int32], content: Callable[[], Content], /) -> None:
+    def show(self, frame: Frame, submap_ids: npt.NDArray[np.int32], content: Callable[[float], Content], /) -> None:
         """As it is, and timed."""
         start = time.perf_counter()
         super().show(frame, submap_ids, content)

@@ -31,6 +31,24 @@ def test_meshes_follow_the_map() -> None:
     check(mapper)
 
 
+def test_meshes_come_in_turn_where_time_is_short() -> None:
+    """Each call is given no time, so it updates one submap: the one that waits longest."""
+    mapper = Mapper(Config.load(None, ["perception.profile=groundtruth", "fusion.max_blocks=20000"]))
+    for n, eye in enumerate(EYES[:2]):
+        frame, ids = render(SHAPES, look_at(eye, [0.0, 0.0, 0.2]), n)
+        object.__setattr__(frame, "truth", GroundTruth(instance=ids, names=NAMES, things=frozenset({2})))
+        mapper.integrate(frame)
+        if n == 0:
+            assert [len(mapper.meshes(0.0)) for _ in range(2)] == [1, 2]
+            before = dict(mapper.meshes())
+    after = mapper.meshes(0.0)
+    assert set(after) == set(before)
+    assert sum(after[id_] is not before[id_] for id_ in before) <= 1
+    for _ in before:
+        mapper.meshes(0.0)
+    check(mapper)
+
+
 def check(mapper: Mapper) -> None:
     meshes, anew = mapper.meshes(), mapper.map
     assert set(meshes) == {s.id for s in anew.submaps if s.kind is not SubmapKind.FREESPACE}

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from importlib.metadata import version
+from math import inf
 from pathlib import Path
 from threading import RLock
 from typing import Any
@@ -118,7 +119,7 @@ class Mapper:
             submap_ids = self._fusion.carry(frame) if segments is None else self._fusion.fuse(frame, segments)
         self._integrated += 1
         self._record(FrameRecord(index=frame.index, stamp=frame.stamp, T_map_camera=frame.T_map_camera))
-        self._viewer.show(frame, submap_ids, lambda: live_content(self.map, self.meshes()))
+        self._viewer.show(frame, submap_ids, lambda seconds: live_content(self.map, self.meshes(seconds)))
         return submap_ids
 
     @exclusive
@@ -193,9 +194,9 @@ class Mapper:
         )
 
     @exclusive
-    def meshes(self) -> dict[int, Mesh]:
-        """Surfaces by submap id, frame map, freespace left out; what did not change since the last call is kept."""
-        return self._mesher.update(self._fusion.submaps(), self._fusion)
+    def meshes(self, seconds: float = inf) -> dict[int, Mesh]:
+        """Surfaces by id, frame map, freespace left out; what did not change, or is not reached in time, is kept."""
+        return self._mesher.update(self._fusion.submaps(), self._fusion, seconds)
 
     def _label_embeddings(self, submaps: Sequence[Submap]) -> dict[str, npt.NDArray[np.float32]]:
         texts = sorted({r.text for s in submaps if s.descriptor for r in s.descriptor.labels})

@@ -15,7 +15,7 @@ from uppm.core.config import Config
 from uppm.core.shown import Content
 from uppm.core.types import Frame, GroundTruth
 from uppm.pipeline import Mapper
-from uppm.viewer.live import Allowance, LiveViewer
+from uppm.viewer.live import LEAST, Allowance, LiveViewer
 from uppm.viewer.served import ServedMap
 
 SHAPES = [Plane([0, 0, 1], 0.0), Box([-0.3, -0.2, 0.0], [0.3, 0.2, 0.4]), Box([0.9, -0.3, 0.0], [1.2, 0.1, 0.5])]
@@ -43,26 +43,20 @@ def empty() -> Content:
 class Endless:
     """An allowance that is never used up."""
 
-    left = True
+    left = 1000.0
 
-    def spend(self, seconds: float, *, begins: bool = False) -> None: ...
+    def spend(self, seconds: float) -> None: ...
 
 
 def test_an_allowance_is_a_share_of_the_time() -> None:
     now = 100.0
     allowance = Allowance(0.1, lambda: now)
-    assert allowance.left
-    allowance.spend(1.5, begins=True)
-    allowance.spend(0.5)
-    now = 139.0
-    assert not allowance.left
-    now = 140.5  # 4.05 s may be used: the 2 that were, and as many for one more piece
-    assert allowance.left
-    allowance.spend(0.1, begins=True)
-    now = 121.5
-    assert not allowance.left
-    now = 122.5
-    assert allowance.left
+    assert allowance.left == 0
+    allowance.spend(2.0)
+    now = 115.0
+    assert allowance.left == pytest.approx(-0.5)
+    now = 130.0
+    assert allowance.left == pytest.approx(1.0)
 
 
 def test_a_slow_browser_never_slows_mapping() -> None:
@@ -73,7 +67,7 @@ def test_a_slow_browser_never_slows_mapping() -> None:
         taken.set()
         go.wait()
 
-    def content() -> Content:
+    def content(seconds: float) -> Content:
         made.append(get_ident())
         return empty()
 
@@ -100,15 +94,26 @@ def test_without_a_browser_nothing_is_meshed() -> None:
 
 
 def test_the_share_bounds_what_is_shown() -> None:
-    """Each map costs a second of the clock: of a hundred seconds at most three are used."""
-    now, shown = 0.0, []
-    allowance = Allowance(0.03, lambda: now)
+    """Half of what is left is for meshing; whoever takes twice as long waits until that is made up for."""
+    now, given = 0.0, []
+
+    def content(seconds: float) -> Content:
+        given.append((now, seconds))
+        allowance.spend(2 * seconds)
+        return empty()
+
+    allowance = Allowance(0.04, lambda: now)
+    viewer = LiveViewer(lambda content: None, lambda: True, allowance)
+    frame = frame_at(0, 1)
     for second in range(100):
         now = float(second)
-        if allowance.left:
-            shown.append(second)
-            allowance.spend(1.0, begins=True)
-    assert 2 <= len(shown) <= 3
+        while viewer._mailbox.full():
+            pass
+        viewer.show(frame, np.zeros(frame.depth.shape, dtype=np.int32), content)
+    viewer.close()
+    assert len(given) > 30
+    assert all(at >= 1 and seconds >= LEAST for at, seconds in given)
+    assert sum(2 * seconds for _, seconds in given) <= 0.04 * 100
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
@@ -119,7 +124,7 @@ def test_a_viewer_that_failed_can_be_closed() -> None:
     viewer = LiveViewer(fail, lambda: True, Endless())  # pyright: ignore[reportArgumentType]
     frame = frame_at(0, 1)
     for _ in range(3):
-        viewer.show(frame, np.zeros(frame.depth.shape, dtype=np.int32), empty)
+        viewer.show(frame, np.zeros(frame.depth.shape, dtype=np.int32), lambda seconds: empty())
     viewer.close()
     assert not viewer._thread.is_alive()
 

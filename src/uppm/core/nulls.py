@@ -28,7 +28,7 @@ class NoCaptioner:
 class NoViewer:
     """Shows nothing."""
 
-    def show(self, frame: Frame, submap_ids: npt.NDArray[np.int32], content: Callable[[], Content]) -> None:
+    def show(self, frame: Frame, submap_ids: npt.NDArray[np.int32], content: Callable[[float], Content]) -> None:
         """Do nothing."""
 
 

@@ -115,6 +115,6 @@ class Progress(Protocol):
 class FrameViewer(Protocol):
     """Watches the mapping; the default does nothing."""
 
-    def show(self, frame: Frame, submap_ids: npt.NDArray[np.int32], content: Callable[[], Content], /) -> None:
-        """A frame was fused; `content` gives the map as it is now, and is to be called, if at all, before returning."""
+    def show(self, frame: Frame, submap_ids: npt.NDArray[np.int32], content: Callable[[float], Content], /) -> None:
+        """A frame was fused; `content`, to be called before returning if at all, meshes for so many seconds."""
         ...

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from itertools import count
+from math import inf
+from time import perf_counter
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +26,11 @@ class SubmapMesher:
         self._keys: Keys = np.empty(0, dtype=np.int64)
         self._grid = (0.0, 0.0)
         self._mesh: tuple[npt.NDArray[np.float64], Mesh] | None = None
+
+    @property
+    def mesh(self) -> Mesh | None:
+        """As of the last update; None before the first."""
+        return self._mesh[1] if self._mesh else None
 
     def update(self, submap: Submap, coords: Coords, changed: Coords, read: Callable[[Coords], VoxelBlocks]) -> Mesh:
         """The submap's mesh now, equal to one made from all its blocks.
@@ -67,12 +75,25 @@ class MapMesher:
 
     def __init__(self) -> None:
         self._submaps: dict[int, SubmapMesher] = {}
+        self._turns = count(1)
+        self._updated: dict[int, int] = {}
+        """Submap id -> the turn in which it was last updated."""
 
-    def update(self, submaps: Iterable[Submap], voxels: LiveVoxels) -> dict[int, Mesh]:
-        """Surfaces of all submaps but freespace, by id, frame map; what did not change since the last call is kept."""
+    def update(self, submaps: Iterable[Submap], voxels: LiveVoxels, seconds: float = inf) -> dict[int, Mesh]:
+        """Surfaces of all submaps but freespace, by id, frame map; what did not change since the last call is kept.
+
+        After so many seconds no further submap is begun: those left keep the mesh that they had, or have none yet, and
+        come first the next time.
+        """
         solid = [submap for submap in submaps if submap.kind is not SubmapKind.FREESPACE]
         self._submaps = {submap.id: self._submaps.get(submap.id) or SubmapMesher() for submap in solid}
-        return {submap.id: self._update(submap, voxels) for submap in solid}
+        end = perf_counter() + seconds
+        for submap in sorted(solid, key=lambda s: self._updated.get(s.id, 0)):
+            self._update(submap, voxels)
+            self._updated[submap.id] = next(self._turns)
+            if perf_counter() > end:
+                break
+        return {id_: mesher.mesh for id_, mesher in self._submaps.items() if mesher.mesh is not None}
 
     def _update(self, submap: Submap, voxels: LiveVoxels) -> Mesh:
         coords, changed = voxels.touched(submap.id)

@@ -16,38 +16,35 @@ from uppm.core.types import Frame
 
 SHARE = 0.03
 """Of the time since mapping began that the viewer may take, in the thread that maps and in its own together."""
+LEAST = 0.02
+"""Seconds of meshing that are worth a new map in the browser."""
 
 
 class Allowance:
-    """A share of the time that passes, to be spent in pieces.
-
-    A piece is begun only if one like the last would leave the whole within the share.
-    """
+    """A share of the time that passes, to be spent in pieces."""
 
     def __init__(self, share: float, clock: Callable[[], float] = monotonic) -> None:
         self._share, self._clock = share, clock
-        self._start, self._lock = clock(), Lock()
-        self._spent = self._piece = 0.0
+        self._start, self._spent, self._lock = clock(), 0.0, Lock()
 
-    def spend(self, seconds: float, *, begins: bool = False) -> None:
-        """Note what was used, for a new piece or in addition for the last."""
+    def spend(self, seconds: float) -> None:
+        """Note what was used."""
         with self._lock:
             self._spent += seconds
-            self._piece = seconds if begins else self._piece + seconds
 
     @property
-    def left(self) -> bool:
-        """Something may be spent now."""
+    def left(self) -> float:
+        """Seconds that may be spent now; negative where too much was."""
         with self._lock:
-            return self._spent + self._piece <= self._share * (self._clock() - self._start)
+            return self._share * (self._clock() - self._start) - self._spent
 
 
 class LiveViewer:
     """A `FrameViewer` that shows the growing map in a thread of its own.
 
-    The thread that maps meshes what changed, only while somebody watches, the map before was taken, and the allowance
-    is not used up; then it leaves the map in a mailbox for one. It never waits: what is slow, a browser or the way to
-    it, sees fewer of the maps between.
+    The thread that maps meshes what changed, only while somebody watches, the map before was taken, and something of
+    the allowance is left, of which half is for meshing; then it leaves the map in a mailbox for one. It never waits:
+    what is slow, a browser or the way to it, sees fewer of the maps between.
 
     Parameters
     ----------
@@ -64,13 +61,14 @@ class LiveViewer:
         self._thread = Thread(target=self._work, name="viewer", daemon=True)
         self._thread.start()
 
-    def show(self, frame: Frame, submap_ids: npt.NDArray[np.int32], content: Callable[[], Content], /) -> None:
+    def show(self, frame: Frame, submap_ids: npt.NDArray[np.int32], content: Callable[[float], Content], /) -> None:
         """Leave the map for the browsers, if they are ready for it."""
-        if self._mailbox.full() or not self._allowance.left or not self._watched():
+        seconds = self._allowance.left / 2
+        if seconds < LEAST or self._mailbox.full() or not self._watched():
             return
         start = perf_counter()
-        self._mailbox.put_nowait(content())
-        self._allowance.spend(perf_counter() - start, begins=True)
+        self._mailbox.put_nowait(content(seconds))
+        self._allowance.spend(perf_counter() - start)
 
     def close(self) -> None:
         """End the thread, after what it is showing."""
