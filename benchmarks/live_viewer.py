@@ -101,6 +101,7 @@ def main() -> None:
     warm = Mapper(config)
     mapped(spread_frames(source), warm)  # compiles
     warm.meshes()
+    _ = warm.map  # loads the embeddings of labels, which a map that is saved needs too
     rounds = [{case: run(frames, config, case) for case in CASES} for _ in range(given.rounds)]
     for case in CASES:
 

@@ -183,11 +183,12 @@ class Mapper:
     @exclusive
     def map(self) -> PanopticMap:
         """The map as it is now. Its voxels are the running fusion's: mesh it before the next frame, or ask again."""
+        submaps = self._fusion.submaps()
         return PanopticMap(
-            submaps=self._fusion.submaps(),
+            submaps=submaps,
             voxels=self._fusion,
             **_language(lambda: self._embeddings, lambda: create_look_encoder(self.config.perception)),
-            label_embeddings=self._label_embeddings(self._fusion.submaps()),
+            label_embeddings=self._label_embeddings(submaps),
             report=self.report,
             frames=self._all_records,
             meta=MapMeta(config=self.config.model_dump_json(), provenance=self.provenance),

@@ -16,7 +16,7 @@ from uppm.core.types import Frame
 
 SHARE = 0.03
 """Of the time since mapping began that the viewer may take, in the thread that maps and in its own together."""
-LEAST = 0.02
+LEAST = 0.05
 """Seconds of meshing that are worth a new map in the browser."""
 
 
