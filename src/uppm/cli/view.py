@@ -79,8 +79,7 @@ def serve(content: Content, source: FrameSource | None, host: str, port: int) ->
     served = ServedMap(host=host, port=port)
     served.pictures = pictures_of(content, source)
     served.show(content)
-    typer.echo(f"{served.url}  (Ctrl-C ends)")
-    until_interrupted(served)
+    until_interrupted(served, lambda: typer.echo(f"{served.url}  (Ctrl-C ends)"))
 
 
 def pictures_of(content: Content, source: FrameSource | None) -> Callable[[Shown], list[bytes]]:
@@ -96,9 +95,10 @@ def pictures_of(content: Content, source: FrameSource | None) -> Callable[[Shown
     return pictures
 
 
-def until_interrupted(served: ServedMap) -> None:
-    """Wait for Ctrl-C."""
+def until_interrupted(served: ServedMap, say: Callable[[], None]) -> None:
+    """Say so, and wait for Ctrl-C, which may come at once."""
     try:
+        say()
         Event().wait()
     except KeyboardInterrupt:
         served.close()
@@ -126,5 +126,5 @@ class WatchedRun:
         content = content_of(open_map(output), output.stem)
         self._served.pictures = pictures_of(content, self._source)
         self._served.show(content)
-        typer.echo(f"{self._served.url}  shows the finished map (Ctrl-C ends)", err=True)
-        until_interrupted(self._served)
+        said = f"{self._served.url}  shows the finished map (Ctrl-C ends)"
+        until_interrupted(self._served, lambda: typer.echo(said, err=True))
