@@ -18,6 +18,7 @@ from tests.cli.room import write_room
 from uppm.cli.main import app
 from uppm.core.errors import ConfigError, InputError
 from uppm.core.geometry import backproject, transform
+from uppm.core.shown import Content
 from uppm.perception.fakes import fake_frame
 from uppm.regimes.sequence import IdentityTracks
 
@@ -47,6 +48,10 @@ def map_file(room: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     config = uppm.Config.load(None, ["perception.profile=groundtruth"])
     uppm.map_sequence(uppm.open_sequence(room, config.input), path, config)
     return path
+
+
+def no_content(seconds: float) -> Content:
+    raise AssertionError("nobody watches")
 
 
 def run(*arguments: object) -> Result:
@@ -167,5 +172,5 @@ def test_report_folder(room: Path, map_file: Path, tmp_path: Path) -> None:
 
 def test_only_frames_with_ground_truth_tell_identities() -> None:
     tracks = IdentityTracks()
-    tracks.show(fake_frame(), np.ones((48, 64), dtype=np.int32))
+    tracks.show(fake_frame(), np.ones((48, 64), dtype=np.int32), no_content)
     assert tracks.frames == []

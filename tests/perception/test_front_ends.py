@@ -15,6 +15,7 @@ from uppm.core import protocols
 from uppm.core.config import PerceptionConfig
 from uppm.core.errors import BadFrameError, ConfigError, InputError
 from uppm.core.language import Caption
+from uppm.core.shown import Content
 from uppm.core.types import Provenance
 from uppm.perception import fakes, registry
 from uppm.perception.segmentation.embedded import EmbeddedSegmenter
@@ -42,6 +43,10 @@ def test_every_name_leads_to_a_class(table: dict[str, str]) -> None:
     for target in table.values():
         module, _, name = target.partition(":")
         assert isinstance(getattr(__import__(module, fromlist=[name]), name), type)
+
+
+def no_content(seconds: float) -> Content:
+    raise AssertionError("nobody watches")
 
 
 def test_ground_truth_gives_every_instance_once() -> None:
@@ -174,7 +179,7 @@ def test_fakes_meet_their_protocols() -> None:
     assert [c.name for c in retriever.retrieve(["mug", "chair", "?"])] == ["cup", "chair", "solid-other"]
     assert len(voxels.blocks(4)) == 1
     protocols_viewer: protocols.FrameViewer = viewer
-    protocols_viewer.show(frame, np.zeros((48, 64), np.int32))
+    protocols_viewer.show(frame, np.zeros((48, 64), np.int32), no_content)
     assert viewer.shown == [0]
     assert len(source) == 3
     with pytest.raises(BadFrameError):

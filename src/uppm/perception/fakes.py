@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +11,7 @@ import numpy.typing as npt
 from uppm.core.categories import unified_categories
 from uppm.core.errors import BadFrameError
 from uppm.core.language import Caption, FrameLabels
+from uppm.core.shown import Content
 from uppm.core.types import (
     VOXELS_PER_SIDE,
     Category,
@@ -184,6 +185,6 @@ class FakeFrameViewer:
     def __init__(self) -> None:
         self.shown: list[int] = []
 
-    def show(self, frame: Frame, submap_ids: npt.NDArray[np.int32]) -> None:
+    def show(self, frame: Frame, submap_ids: npt.NDArray[np.int32], content: Callable[[float], Content]) -> None:
         """Note the frame."""
         self.shown.append(frame.index)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from uppm.core.config import Config
 from uppm.core.protocols import FrameSource
+from uppm.core.shown import Content
 from uppm.core.types import Frame
 from uppm.evaluation.ground_truth import SurfaceTruth
 from uppm.evaluation.instances import MIN_PIXELS
@@ -29,7 +30,7 @@ class IdentityTracks:
     def __init__(self) -> None:
         self.frames: list[dict[int, int]] = []
 
-    def show(self, frame: Frame, submap_ids: npt.NDArray[np.int32]) -> None:
+    def show(self, frame: Frame, submap_ids: npt.NDArray[np.int32], content: Callable[[float], Content]) -> None:
         """Note one frame that has ground truth."""
         if frame.truth is not None:
             self.frames.append(frame_assignment(frame.truth.instance, submap_ids))
