@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import http.client
-import signal
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,6 +13,7 @@ import numpy as np
 import pytest
 
 from tests.cli.conftest import Uppm, uppm  # noqa: F401
+from tests.viewer.command import interrupt, running
 from tests.viewer.conftest import keep
 from uppm.core.errors import InputError
 from uppm.map.panoptic_map import PanopticMap
@@ -180,17 +179,12 @@ def test_without_viser(uppm: Uppm, map_file: Path, monkeypatch: pytest.MonkeyPat
 
 
 def test_command_serves_until_interrupted(map_file: Path) -> None:
-    command = [sys.executable, "-m", "uppm.cli.main", "view", str(map_file), "--port", "0"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+    with running("view", map_file, "--port", "0") as process:
         assert process.stdout is not None
-        line = process.stdout.readline()
-        try:
-            port = urlsplit(line.split()[0]).port
-            connection = http.client.HTTPConnection("127.0.0.1", port or 0, timeout=20)
-            connection.request("GET", "/")
-            assert connection.getresponse().status == 200
-            connection.close()
-        finally:
-            process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=60) == 0
+        port = urlsplit(process.stdout.readline().split()[0]).port
+        connection = http.client.HTTPConnection("127.0.0.1", port or 0, timeout=20)
+        connection.request("GET", "/")
+        assert connection.getresponse().status == 200
+        connection.close()
+        assert interrupt(process, 60) == 0
         assert process.stdout.read() == ""
