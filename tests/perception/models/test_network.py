@@ -119,21 +119,22 @@ def test_a_device_that_is_not_there(models: Path) -> None:
         Network(PerceptionConfig(device="cuda"), NAME, load)
 
 
-def test_on_a_gpu_numbers_are_half_precision_and_images_channels_last(
+def test_on_a_gpu_numbers_are_half_precision_images_channels_last_and_copies_from_pinned_memory(
     models: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What would be sent there; no GPU is needed."""
-    cuda, sent = torch.device("cuda"), list[tuple[Any, Any]]()
+    cuda, sent, pinned = torch.device("cuda"), list[tuple[Any, Any]](), list[Any]()
     network = Network(PerceptionConfig(), NAME, load)
     monkeypatch.setattr(network, "_device", cuda)
     assert network._dtype() == torch.float16
 
     def to(self: Any, device: Any, dtype: Any, *, non_blocking: bool, memory_format: Any) -> Any:
-        assert (device, non_blocking) == (cuda, True)
+        assert (device, non_blocking, self is pinned[-1]) == (cuda, True, True)
         sent.append((dtype, memory_format))
         return self
 
     monkeypatch.setattr(torch.Tensor, "to", to)
+    monkeypatch.setattr(torch.Tensor, "pin_memory", lambda self: pinned.append(self.clone()) or pinned[-1])
     loaded = Loaded(module=None, helper="", device=cuda, dtype=torch.float16, name=NAME)
     for array in (np.zeros((1, 3, 4, 4), dtype=np.float32), np.zeros(3, dtype=np.float32), np.arange(3)):
         loaded.tensor(array)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from uppm.core.config import PerceptionConfig
 from uppm.core.errors import ConfigError, InputError, MissingExtraError, UppmError
 from uppm.perception.models.store import RANDOM_MARKER, find, model_folder
+from uppm.perception.models.streams import own_stream
 from uppm.perception.models.table import model_spec
 
 if TYPE_CHECKING:
@@ -117,6 +118,9 @@ class Loaded(Generic[H]):
         """An array on the device; floating-point numbers in the network's precision, images channels-last on a GPU."""
         torch = import_torch()
         tensor = torch.as_tensor(array)
+        if self.device.type == "cuda":
+            # From memory that may be swapped out a copy waits, whatever it is asked.
+            tensor = tensor.pin_memory()
         dtype = self.dtype if tensor.is_floating_point() else tensor.dtype
         layout = torch.channels_last if tensor.ndim == 4 and self.device.type == "cuda" else torch.preserve_format
         return tensor.to(self.device, dtype, non_blocking=True, memory_format=layout)
@@ -131,7 +135,7 @@ class Network(Generic[H]):
     Parameters
     ----------
     config : PerceptionConfig
-        `device`, `precision`, `compile` and `threads` count.
+        `device`, `precision`, `compile`, `ahead` and `threads` count.
     name : str
         In `uppm models list`.
     load : callable
@@ -154,10 +158,13 @@ class Network(Generic[H]):
         self._loaded: Loaded[H] | None = None
 
     def run(self, use: Callable[[Loaded[H]], T]) -> T:
-        """What `use` makes of the network, without gradients; done again, smaller, where memory ends."""
+        """What `use` makes of the network, without gradients; done again, smaller, where memory ends.
+
+        With `perception.ahead` a GPU computes it on a stream of perception's own, and is done when this returns.
+        """
         while True:
             try:
-                with self._torch.inference_mode():
+                with self._torch.inference_mode(), own_stream(self._device, wanted=self._config.ahead):
                     return use(self._loaded or self._place())
             except self._torch.OutOfMemoryError:
                 # Left before the next step: the exception's traceback holds the tensors that must be freed.
