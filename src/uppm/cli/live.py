@@ -51,10 +51,12 @@ def live(
     from uppm.core.config import Config
     from uppm.live import LiveMapper
     from uppm.map.store import check_free
+    from uppm.perception.provision import provide
     from uppm.pipeline import Mapper
 
     config = Config.load(overrides=set_ or [])
     check_free(output, overwrite)
+    provide(config.perception)
     if camera is Camera.RECORD3D:
         stream = record3d()
     else:

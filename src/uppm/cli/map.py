@@ -48,6 +48,7 @@ def map_command(
     """Map a posed RGB-D sequence into one file that answers questions."""
     from uppm.core.config import Config
     from uppm.datasets.registry import open_sequence
+    from uppm.perception.provision import provide
     from uppm.pipeline import compare_maps
 
     options = {
@@ -70,6 +71,8 @@ def map_command(
     if resume:
         settings = own_settings(output, settings, overwrite=overwrite)
     source = open_sequence(sequence, settings.input)
+    if not resume:
+        provide(settings.perception)
     if check and not resume:
         warn_or_stop(source, quiet=as_json)
     watched = WatchedRun(view_host, view_port, source) if view else None

@@ -50,13 +50,16 @@ def download_command(
     from uppm.core.errors import InputError
     from uppm.perception.models import store
     from uppm.perception.models.table import with_needs
-    from uppm.perception.registry import models_of_profile
+    from uppm.perception.provision import absent_models
 
     _go_offline(offline)
-    wanted = with_needs([*(names or []), *(models_of_profile(profile) if profile else [])])
-    if not wanted:
+    if not names and not profile:
         advice = "see `uppm models list`"
         raise InputError("models download", expected="a model or --profile", found="none", advice=advice)
+    wanted = with_needs([*(names or []), *(_of_profile(profile) if profile else [])])
+    if not wanted:
+        typer.echo(f"{profile}: needs no model")
+    absent_models(wanted)
     for name in wanted:
         typer.echo(f"{name}: {store.find(name) or store.fetch(name)}")
 
@@ -102,6 +105,16 @@ def path_command(name: Annotated[str, typer.Argument(help="As `uppm models list`
     if folder is None:
         raise store.missing(name, tried)
     typer.echo(folder)
+
+
+def _of_profile(profile: str) -> list[str]:
+    """What a profile needs with its default settings."""
+    from uppm.core.config import PerceptionConfig
+    from uppm.perception.provision import needed_models
+    from uppm.perception.registry import check_profile
+
+    check_profile(profile)
+    return needed_models(PerceptionConfig(profile=profile))
 
 
 def _go_offline(wanted: bool) -> None:

@@ -122,17 +122,18 @@ def create_mask_generator(config: PerceptionConfig) -> MaskGenerator:
     return _create("perception.masks", config.masks, MASK_GENERATORS, "uppm.masks", config)
 
 
-def models_of_profile(profile: str) -> list[str]:
-    """Names of the models (`uppm models list`) that a profile needs with its default settings."""
-    return models_of(PerceptionConfig(profile=profile))
+def check_profile(name: str) -> None:
+    """Raise ConfigError unless there is such a profile."""
+    _target("perception.profile", name, SEGMENTERS, "uppm.perception")
 
 
 def models_of(config: PerceptionConfig) -> list[str]:
-    """Names of the models (`uppm models list`) that a configuration's back ends load."""
+    """Names of the models (`uppm models list`) that a configuration's back ends load; plug-ins load their own."""
     parts = ((config.captioner, config.captioner_model), (config.detector, config.detector_model))
     parts += ((config.masks, config.masks_model), (config.profile, config.segmenter_model))
-    chosen = [_model_of(back_end, model) for back_end, model in parts]
-    return [name for name in chosen if name]
+    parts += ((config.visual_feature, config.visual_feature_model),)
+    known = {spec.back_end for spec in MODELS.values()}
+    return [model_of(back_end, model) for back_end, model in parts if back_end in known]
 
 
 def model_of(back_end: str, model: str | None) -> str:
@@ -143,27 +144,16 @@ def model_of(back_end: str, model: str | None) -> str:
     ConfigError
         There is no such model, or it is another back end's.
     """
-    name = _model_of(back_end, model)
-    if name is None or model_spec(name).back_end != back_end:
-        known = [spec.name for spec in MODELS.values() if spec.back_end == back_end]
+    known = [spec.name for spec in MODELS.values() if spec.back_end == back_end]
+    name = known[0] if model is None else model_spec(model).name
+    if name not in known:
         expected, advice = f"one of {', '.join(known)}", f"correct it, or leave it out for {known[0]}"
         raise ConfigError(f"model of {back_end}", expected=expected, found=repr(name), advice=advice)
     return name
 
 
-def _model_of(back_end: str, model: str | None) -> str | None:
-    if model is not None:
-        return model_spec(model).name
-    return next((spec.name for spec in MODELS.values() if spec.back_end == back_end), None)
-
-
 def _create(setting: str, name: str, table: Mapping[str, str], group: str, config: PerceptionConfig) -> Any:
-    plugins = {point.name: point.value for point in entry_points(group=group)}
-    known = {**plugins, **table}
-    if name not in known:
-        names = ", ".join(sorted(known))
-        raise ConfigError(setting, expected=f"one of {names}", found=repr(name), advice="correct the name")
-    module, _, attribute = known[name].partition(":")
+    module, _, attribute = _target(setting, name, table, group).partition(":")
     try:
         back_end = getattr(import_module(module), attribute)
     except ImportError as error:
@@ -171,3 +161,12 @@ def _create(setting: str, name: str, table: Mapping[str, str], group: str, confi
             raise
         raise missing_torch(error) from None
     return back_end(config)
+
+
+def _target(setting: str, name: str, table: Mapping[str, str], group: str) -> str:
+    """Where a back end's class is; raises ConfigError with the names that there are."""
+    known = {**{point.name: point.value for point in entry_points(group=group)}, **table}
+    if name not in known:
+        names = ", ".join(sorted(known))
+        raise ConfigError(setting, expected=f"one of {names}", found=repr(name), advice="correct the name")
+    return known[name]

@@ -22,6 +22,15 @@ RANDOM_MARKER = "random-weights.json"
 """A folder with this file holds an architecture without weights: they are drawn (`uppm bench perception`)."""
 
 
+class HubError(UppmError):
+    """The hub could not be asked for a model, or failed; `reason` is what it or its client said."""
+
+    def __init__(self, spec: ModelSpec, reason: str) -> None:
+        advice = f"try again (what came is kept), or put its files into $UPPM_MODELS/{spec.name}"
+        super().__init__(f"model {spec.name}: expected {spec.repo} from the hub, found {reason}; {advice}")
+        self.reason = reason
+
+
 def ignore(_: str) -> None:
     """Report to nobody."""
 
@@ -87,7 +96,7 @@ def fetch(name: str) -> Path:
     Raises
     ------
     UppmError
-        Offline, or the hub failed.
+        Offline; as HubError, the hub failed.
     InputError
         A file that came is not the one that the hub, the table or the lock states.
     """
@@ -123,13 +132,8 @@ def _hub(spec: ModelSpec) -> Generator[None]:
     try:
         yield
     except (OSError, ValueError, HTTPError) as error:
-        raise _failed(spec, error) from None
-
-
-def _failed(spec: ModelSpec, error: Exception) -> UppmError:
-    advice = f"try again (what came is kept), or put its files into $UPPM_MODELS/{spec.name}"
-    found = f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else 'no answer'}"
-    return UppmError(f"model {spec.name}: expected {spec.repo} from the hub, found {found}; {advice}")
+        said = str(error).splitlines()[0] if str(error) else "no answer"
+        raise HubError(spec, f"{type(error).__name__}: {said}") from None
 
 
 def _pin(spec: ModelSpec, folder: Path, stated: dict[str, str | None], revision: str | None, old: Lock | None) -> None:
