@@ -170,8 +170,8 @@ def test_every_label_of_a_thing_speaks_for_it_in_its_share() -> None:
     index = SearchIndex([both, one], VECTORS, {})
     labels = index.evidence("seat", vector)[0][:, 1]
     cosines = np.array([VECTORS[name] @ vector for name in ("chair", "couch")])
-    assert labels[0] == pytest.approx(0.05 * np.log((0.5 * np.exp(cosines / 0.05)).sum()), abs=1e-5)
-    assert labels[0] > labels[1] > cosines[0] - 0.05
+    assert labels[0] == pytest.approx(0.1 * np.log((0.5 * np.exp(cosines / 0.1)).sum()), abs=1e-5)
+    assert labels[0] > labels[1] > cosines[0] - 0.1
     assert SearchIndex([make_submap(1, "cup", chair=3)], VECTORS, {}).evidence("seat", vector)[0][0, 1] == (
         pytest.approx(cosines[0], abs=1e-5)
     )
@@ -186,7 +186,7 @@ def test_a_category_counts_by_its_share_of_the_votes_unless_it_is_pinned() -> No
     couch = unit(0, 0.6, 0.8)
     lag = SearchIndex([doubted, pinned], VECTORS, CATEGORIES).evidence("couch bed", couch)[0][:, 2]
     # Half of the votes are for chairs, which are 0.4 less like it than couches are.
-    assert lag[0] == pytest.approx(-0.4 + 0.05 * np.log(0.5), abs=1e-3)
+    assert lag[0] == pytest.approx(-0.4 + 0.1 * np.log(0.5), abs=1e-3)
     assert lag[1] == lag[0], "its label speaks for it still"
     named = SearchIndex([pinned], {}, CATEGORIES).evidence("cup", VECTORS["cup"])[0][:, 2]
     assert named == 0

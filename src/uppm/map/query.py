@@ -16,9 +16,9 @@ Values = npt.NDArray[np.float64]
 
 FOUND_PROBABILITY = 0.5
 """At least so probable must an answer be to count as found; chosen on what tools/calibrate_query.py prints."""
-TEMPERATURE = 0.05
-"""Cosine by which a label falls behind an object's best before it stops to matter."""
-WEIGHTS = (-1.56, 8.76, 10.26, 10.0)
+TEMPERATURE = 0.1
+"""Cosine that a label is worth behind one of e times its share of an object's votes."""
+WEIGHTS = (-1.7, 9.47, 10.36, 10.0)
 """Of 1, labels, categories and looks; but for the last, logistic regression by tools/calibrate_query.py."""
 
 

@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import binary_dilation
 from scipy.spatial import KDTree
 
 Points = npt.NDArray[np.float64]
@@ -23,6 +24,10 @@ MARGIN = 0.10
 """Metres that a footprint is widened by: what lies under a thing is hidden by it, and seen only around it."""
 SUPPORT, PATCH = 0.15, 0.05
 """Share of the area that both cover, as patches of so many metres, on which a thing must touch what carries it."""
+FACING_UP = 0.7
+"""Least upward part of the normal of a surface that can carry something: at most 45 degrees from level."""
+CARRIED = 0.5
+"""Share of a thing's footprint that must be over what carries it."""
 COVER_POINTS = 3
 """Points of a surface that must be over a thing for it to be under that."""
 INSIDE, SLACK = 0.7, 0.05
@@ -46,6 +51,8 @@ class Body:
     id: int
     points: Points
     """(N, 3), metres, N > 0."""
+    normals: Points
+    """(N, 3) unit normals of the surface, outwards."""
     is_wall: bool = False
     is_barrier: bool = False
     """A wall, door or window: it stands between rooms, and is in none of them alone."""
@@ -75,6 +82,16 @@ class Body:
         return self.high - self.low
 
     @cached_property
+    def upper(self) -> Points:
+        """(M, 3) points of its surface that face up, and so can carry something."""
+        return self.points[self.normals[:, 2] >= FACING_UP]
+
+    @cached_property
+    def footprint(self) -> Points:
+        """(K, 2) middles of the patches that it covers, as seen from above."""
+        return (np.unique(np.floor(self.points[:, :2] / PATCH), axis=0) + 0.5) * PATCH
+
+    @cached_property
     def tree(self) -> KDTree:
         """For distances to it."""
         return KDTree(self.points)
@@ -92,19 +109,23 @@ def boxes_apart(a: Body, b: Body) -> float:
 
 
 def on(a: Body, b: Body) -> bool:
-    """a rests on b: b is as high under it as its lowest, within `TOUCH`, over a good part of what both cover.
+    """a rests on b: b's upper surface is as high as a's lowest, within `TOUCH`, over a good part of what both cover.
 
-    On a wall: against it, off the floor.
+    Never both ways: of two that begin at one height the one whose middle is higher rests on the other, a table on its
+    rug. On a wall: against it, off the floor. Walls, doors and windows rest on nothing: the building carries them.
     """
     if b.is_wall:
         return bool(against(a, b) and a.low[2] > b.low[2] + MARGIN)
-    if not _over(a, b) or a.center[2] <= b.low[2]:
+    if a.is_barrier or not _is_higher(a, b) or not _carries(b, a):
         return False
-    points = _within_footprint(b, a, MARGIN)
-    touching = points[np.abs(points[:, 2] - a.low[2]) <= TOUCH, :2]
-    shared = np.minimum(a.high, b.high)[:2] - np.maximum(a.low, b.low)[:2] + 2 * MARGIN
-    patches = len(np.unique(np.floor(touching / PATCH), axis=0))
-    return bool(patches * PATCH**2 >= SUPPORT * float(np.prod(shared)))
+    low = np.floor((np.maximum(a.low, b.low)[:2] - 2 * MARGIN) / PATCH)
+    shape = np.ceil((np.minimum(a.high, b.high)[:2] + 2 * MARGIN) / PATCH - low).astype(int)
+    if (shape <= 0).any():
+        return False
+    around = _widened(_plan(a.points, low, shape))
+    touching = _plan(b.upper[np.abs(b.upper[:, 2] - a.low[2]) <= TOUCH], low, shape) & around
+    shared = _widened(_plan(b.points, low, shape)) & around
+    return bool(touching.sum() >= SUPPORT * max(shared.sum(), 1))
 
 
 def under(a: Body, b: Body) -> bool:
@@ -189,6 +210,33 @@ def _within_footprint(b: Body, a: Body, margin: float) -> Points:
     """Points of b within a's horizontal box, widened."""
     xy = b.points[:, :2]
     return b.points[((xy >= a.low[:2] - margin) & (xy <= a.high[:2] + margin)).all(axis=1)]
+
+
+def _is_higher(a: Body, b: Body) -> bool:
+    """a begins higher than b, or, where they begin within `TOUCH`, its middle is higher: never both ways."""
+    rise = float(a.low[2] - b.low[2])
+    return bool(a.center[2] > b.center[2]) if abs(rise) <= TOUCH else rise > 0
+
+
+def _carries(b: Body, a: Body) -> bool:
+    """Most of a's footprint is over b's box, or b's middle is under a: a rug's under a table."""
+    over = ((a.footprint >= b.low[:2]) & (a.footprint <= b.high[:2])).all(axis=1)
+    return bool(over.mean() >= CARRIED or (np.abs(a.footprint - b.center[:2]) <= PATCH).all(axis=1).any())
+
+
+def _plan(points: Points, low: Points, shape: npt.NDArray[np.int_]) -> npt.NDArray[np.bool_]:
+    """Which patches of a plan of this shape, which begins at the patch `low` (2,), have points over them."""
+    at = np.floor(points[:, :2] / PATCH).astype(int) - low.astype(int)
+    at = at[((at >= 0) & (at < shape)).all(axis=1)]
+    plan = np.zeros(shape, dtype=bool)
+    plan[at[:, 0], at[:, 1]] = True
+    return plan
+
+
+def _widened(plan: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """With the patches within `MARGIN`."""
+    side = 1 + 2 * round(MARGIN / PATCH)
+    return np.asarray(binary_dilation(plan, np.ones((side, side), dtype=bool)), dtype=bool)
 
 
 def _over(a: Body, b: Body) -> bool:

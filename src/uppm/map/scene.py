@@ -152,7 +152,8 @@ class Scene:
         return room_of(body.points[:, :2], self._nearest, self._rooms[1], ROOM_CELL)
 
     def _make_body(self, submap: Submap) -> Body | None:
-        points = self._map.submap_mesh(submap.id).vertices
+        mesh = self._map.submap_mesh(submap.id)
+        points = mesh.vertices
         if not len(points):
             return None
         cell = THINNED if submap.kind is SubmapKind.OBJECT else LARGE
@@ -162,6 +163,7 @@ class Scene:
         return Body(
             id=submap.id,
             points=self.upright(points[first].astype(np.float64)),
+            normals=mesh.normals[first].astype(np.float64) @ self._rotation[:3, :3].T,
             is_wall=name.startswith("wall"),
             is_barrier=name.startswith(BARRIERS),
             seen_from=None if camera is None else self.upright(camera[:3, 3]),

@@ -27,16 +27,25 @@ class Asked:
     """Things of the kind in the map: of the same unified category, or of that of another thing of this name."""
     place: int
     """Of the thing among the answers, from 1, found or not."""
+    known: bool
+    """The map has the thing for what it is: one of its submaps is of the kind's categories."""
+    called: int
+    """Submaps that the map has for one of the kind: its things, duplicates of them, and what is wrongly called so."""
 
     @property
     def right(self) -> bool:
         """Among the first n, of n of its kind."""
         return self.place <= self.kind
 
+    @property
+    def as_the_map_has_it(self) -> bool:
+        """Among the first n, of n that the map has for one of the kind: what a query that knows no truth can do."""
+        return self.place <= max(self.kind, self.called)
+
 
 @dataclass(frozen=True, kw_only=True)
 class SynonymMetrics:
-    """Shares from 0 to 1, of the things that the map has."""
+    """Shares from 0 to 1, of the things that the map has, by whatever name."""
 
     unique: float
     """Of the names of things that are the only one of their kind: it is the first."""
@@ -44,6 +53,10 @@ class SynonymMetrics:
     """Of these things: every name finds it first."""
     of_a_kind: float
     """Of the names of things of which there are n: it is among the first n."""
+    known_unique: float
+    """As `unique`, of the things that the map has for what they are, and of n submaps that it has for one."""
+    known_of_a_kind: float
+    """As `of_a_kind`, likewise: what falls short of 1 here is the query's fault, and the rest the map's."""
     names_unique: int
     names_of_a_kind: int
 
@@ -70,12 +83,15 @@ def ask_names(panoptic_map: PanopticMap, truth: SurfaceTruth, owners: Mapping[in
             called[name].append(instance.id)
     asked = []
     for name, meant in called.items():
-        order = [answer.submap.id for answer in panoptic_map.rank(name)]
+        answers = [answer.submap for answer in panoptic_map.rank(name)]
         kinds = {category[thing] for thing in meant}
         kind = sum(own in kinds for own in category.values())
+        so_called = {s.id for s in answers if s.descriptor and s.descriptor.category.id in kinds}
         for thing in meant:
-            place = next((n for n, id_ in enumerate(order, start=1) if id_ in submaps[thing]), len(order) + 1)
-            asked.append(Asked(name=name, thing=thing, kind=kind, place=place))
+            own = submaps[thing]
+            place = next((n for n, s in enumerate(answers, start=1) if s.id in own), len(answers) + 1)
+            known, so = bool(so_called & own), len(so_called)
+            asked.append(Asked(name=name, thing=thing, kind=kind, place=place, known=known, called=so))
     return asked
 
 
@@ -88,6 +104,8 @@ def synonym_metrics(asked: Sequence[Asked]) -> SynonymMetrics:
         unique=float(np.mean([a.right for a in unique])),
         unique_things=float(np.mean(whole)),
         of_a_kind=float(np.mean([a.right for a in others])),
+        known_unique=float(np.mean([a.as_the_map_has_it for a in unique if a.known])),
+        known_of_a_kind=float(np.mean([a.as_the_map_has_it for a in others if a.known])),
         names_unique=len(unique),
         names_of_a_kind=len(others),
     )
