@@ -8,14 +8,15 @@ from __future__ import annotations
 import json
 import re
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from uppm.core.types import Frame, Intrinsics
+from uppm.core.types import Frame, Intrinsics, Label, PanopticSegmentation
+from uppm.perception.fakes import FakeSegmenter
 
 SWIN = {"image": 64, "width": 16, "depths": [2, 2, 2, 2], "heads": [2, 2, 4, 4], "window": 4}
 TEXT = {"width": 32, "layers": 2, "heads": 4, "inner": 64, "positions": 64, "vocabulary": 92}
@@ -109,3 +110,15 @@ def write_folder(root: Path, name: str, architecture: Mapping[str, Any]) -> Path
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "architecture.json").write_text(json.dumps(architecture))
     return folder
+
+
+class Noting(FakeSegmenter):
+    """FakeSegmenter that notes what it is asked for."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.asked: list[tuple[Label, ...]] = []
+
+    def segment(self, frame: Frame, labels: Sequence[Label] = ()) -> PanopticSegmentation:
+        self.asked.append(tuple(labels))
+        return super().segment(frame, labels)

@@ -10,7 +10,6 @@ import pytest
 from tokenizers.pre_tokenizers import ByteLevel
 
 from tests.perception.captioners import seeded
-from tests.perception.captioners.test_end_to_end import Noting
 from uppm.core.config import Config, PerceptionConfig
 from uppm.core.types import Provenance
 from uppm.perception.fakes import FakeRetriever
@@ -25,8 +24,12 @@ from uppm.perception.captioners import florence2  # noqa: E402  # needs torch
 
 @pytest.fixture
 def folder(models: Path) -> Path:
+    return write_checkpoint(models)
+
+
+def write_checkpoint(models: Path, name: str = "florence-2-base") -> Path:
     """Florence-2 of one layer a stage on images of 64 pixels a side, over bytes and places."""
-    folder = models / "florence-2-base"
+    folder = models / name
     folder.mkdir()
     processor = write_processor(folder)
     words = processor.tokenizer
@@ -109,7 +112,7 @@ def test_what_it_says_of_a_picture_is_mapped(folder: Path, monkeypatch: pytest.M
     monkeypatch.setattr(transformers.Florence2Processor, "batch_decode", lambda self, ids, **k: [said] * len(ids))
     monkeypatch.setattr(florence2, "MAX_TOKENS", 4)
     settings = {"captioner": "florence2", "captioner_model": "florence-2-base", "use_captions": False, "threads": 1}
-    segmenter = Noting()
+    segmenter = seeded.Noting()
     mapper = Mapper(Config.model_validate({"perception": settings}), segmenter=segmenter, retriever=FakeRetriever())
     mapper.integrate(seeded.frame(1))
     mapper.close()
