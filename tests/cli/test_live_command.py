@@ -20,6 +20,7 @@ from tests.datasets.formats import quaternion_first
 from tests.datasets.scene import CAMERA, pose, quaternion, render
 from uppm.core.geometry import invert, pose_from_quaternion
 from uppm.core.types import Intrinsics
+from uppm.map.shown import content_of
 
 COUNT = 3
 START = 1_700_000_000.0
@@ -96,6 +97,28 @@ def test_record3d_is_mapped(uppm: Uppm, tmp_path: Path, monkeypatch: pytest.Monk
     assert (done.code, done.err) == (0, "")
     assert f"{path}: {COUNT} frames mapped, 0 skipped, 0 dropped; latency" in done.out
     assert_the_room(path, [i / 30 for i in range(COUNT)])
+
+
+def test_a_running_camera_in_the_browser(uppm: Uppm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The page is served from the start, and afterwards until Ctrl-C, which comes at once here."""
+    pytest.importorskip("viser", reason="the viewer is not installed (pip install uppm[view])")
+    module(monkeypatch, "record3d", Record3DStream=StandInRecord3D)
+    kept: list[list[str]] = []
+
+    def until_interrupted(served: Any, say: Callable[[], None]) -> None:
+        say()
+        kept.append(sorted(s.name for s in served.nodes.shown.values()))
+        served.close()
+
+    monkeypatch.setattr("uppm.cli.view.until_interrupted", until_interrupted)
+    path = tmp_path / "room.uppm"
+    done = uppm("live", "record3d", "-o", path, *BLOCK, "--view", "--view-port", 0)
+    assert done.code == 0
+    first, last = done.err.splitlines()
+    assert first.startswith("http://127.0.0.1:")
+    assert last == f"{first}  shows the finished map (Ctrl-C ends)"
+    assert kept == [sorted(s.name for s in content_of(package.open_map(path), "").shown)]
+    assert kept[0]
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,8 @@ from tests.viewer.conftest import keep
 from uppm.core.config import Config
 from uppm.core.shown import Content
 from uppm.core.types import Frame, GroundTruth
+from uppm.map.answer import NO_ROOMS_YET
+from uppm.map.panoptic_map import PanopticMap
 from uppm.pipeline import Mapper
 from uppm.viewer.live import LEAST, Allowance, LiveViewer
 from uppm.viewer.served import ServedMap
@@ -143,6 +145,25 @@ def test_objects_appear_while_mapping() -> None:
     assert {s.name for s in last.shown} == {"floor", "suitcase", "chair"}
     assert len(last.path) > len(first.path)
     assert last.ask("chair").ids == tuple(s.submap.id for s in last.shown if s.name == "chair")
+
+
+def test_questions_while_mapping_read_no_voxels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are of the surfaces that are shown; the map that runs on has others, and changes its voxels meanwhile."""
+    maps: list[Content] = []
+    viewer = LiveViewer(maps.append, lambda: True, Endless())  # pyright: ignore[reportArgumentType]
+    mapping = mapper(viewer)
+    for n in range(6):
+        mapping.integrate(frame_at(n, 3))
+    viewer.close()
+    monkeypatch.setattr(PanopticMap, "blocks", None)
+    ids, ask = {s.name: s.submap.id for s in maps[-1].shown}, maps[-1].ask
+    assert ask("how many chairs").said[:2] == ("understood as: how many: chairs", "1 in all")
+    assert ask("what is on the floor").ids == (ids["suitcase"], ids["chair"])
+    assert ask("the tallest thing").said[-1].startswith(f"chair #{ids['chair']}: tallest of 2: 0.5")
+    assert ask("chair in front of the suitcase").ids == (ids["chair"],)
+    for question in ("chair in the kitchen", "chair in the same room as the suitcase"):
+        found = ask(question)
+        assert (found.ids, NO_ROOMS_YET in found.said) == ((), True)
 
 
 @pytest.mark.heavy

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from uppm.cli.view import WatchedRun
+
 if TYPE_CHECKING:
     from uppm.core.config import InputConfig
     from uppm.datasets.streams.realsense import PoseAt, RealSenseStream
@@ -46,6 +48,9 @@ def live(
     capacity: Annotated[int, typer.Option(min=1, help="Frames that wait at most.")] = 4,
     set_: Annotated[list[str] | None, typer.Option("--set", help="One setting, as perception.up=+y.")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing map.")] = False,
+    view: Annotated[bool, typer.Option("--view", help="Show the map in the browser while it is made.")] = False,
+    view_host: Annotated[str, typer.Option(help="As `uppm view --host`.")] = "127.0.0.1",
+    view_port: Annotated[int, typer.Option(min=0, max=65535, help="As `uppm view --port`.")] = 8080,
 ) -> None:
     """Map what a camera sees while it runs; Ctrl-C ends it and writes the map."""
     from uppm.core.config import Config
@@ -61,16 +66,18 @@ def live(
         stream = record3d()
     else:
         stream = realsense(config.input, poses, pose_topic, camera_on_body, recording)
+    watched = WatchedRun(view_host, view_port, None) if view else None
+    running = Mapper(config, viewer=watched.viewer if watched else None)
     with (
-        LiveMapper(
-            Mapper(config), capacity=capacity, policy=policy.value, output=output, overwrite=overwrite
-        ) as mapper,
+        LiveMapper(running, capacity=capacity, policy=policy.value, output=output, overwrite=overwrite) as mapper,
         suppress(KeyboardInterrupt),
     ):
         for frame in islice(stream.frames(), frames):
             mapper.push(frame)
     without_pose = getattr(stream, "without_pose", 0)
     typer.echo(f"{output}: {said(mapper.statistics)}" + (f", {without_pose} without a pose" if without_pose else ""))
+    if watched:
+        watched.stay(output)
 
 
 def record3d() -> Record3DStream:

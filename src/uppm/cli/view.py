@@ -105,9 +105,12 @@ def until_interrupted(served: ServedMap, say: Callable[[], None]) -> None:
 
 
 class WatchedRun:
-    """`uppm map --view`: the map in the browser while it is made, and afterwards until Ctrl-C."""
+    """`--view`: the map in the browser while it is made, and afterwards until Ctrl-C.
 
-    def __init__(self, host: str, port: int, source: FrameSource) -> None:
+    Without a source, of a camera say, there are no pictures of objects.
+    """
+
+    def __init__(self, host: str, port: int, source: FrameSource | None) -> None:
         from uppm.perception.retrieval.embeddings import shipped_embeddings
         from uppm.viewer.live import LiveViewer
         from uppm.viewer.served import ServedMap

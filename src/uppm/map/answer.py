@@ -26,6 +26,8 @@ SHORTEST_PART = 4
 NEEDS_NO_ROOM = ("on", "under", "above", "below", "in", "against")
 """Relations that no wall comes between."""
 
+NO_ROOMS_YET = "rooms are told apart when mapping is done: ask again then"
+
 Search = Callable[[str], Sequence[Answer]]
 """Noun -> all submaps, the most probable first."""
 
@@ -152,6 +154,8 @@ class Answerer:
     def _related(self, found: list[Found], thing: Thing) -> tuple[list[Found], str]:
         relation = str(thing.relation)
         kind = ROOM_NAMES.get(thing.others[0].noun or "") if relation == "in" else None
+        if not self._scene.tells_rooms and (kind or relation == "in the same room as"):
+            return [], NO_ROOMS_YET
         if kind:
             return self._in_room(found, kind)
         anchors: list[list[Found]] = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
@@ -105,6 +106,21 @@ class PanopticMap:
         self._voxels, self._make_encoder, self._lemmatize, self._tag = voxels, encoder, lemmatize, tag
         self._make_categories = category_embeddings or self._encoded_names
         self._make_look_encoder = look_encoder
+        self.has_voxels = True
+        """False: only its surfaces can be asked about (`of_surfaces`)."""
+
+    def of_surfaces(self, meshes: Mapping[int, Mesh]) -> PanopticMap:
+        """The same map with these surfaces by submap id, and no voxels: for questions while those change.
+
+        A submap without a mesh has no surface, and rooms are not told apart.
+        """
+        from uppm.map.mesh import empty_mesh
+
+        surfaces = copy(self)
+        surfaces._meshes = {submap.id: meshes.get(submap.id) or empty_mesh() for submap in self.submaps}
+        surfaces.__dict__.pop("_scene", None)
+        surfaces.has_voxels = False
+        return surfaces
 
     @classmethod
     def from_file(

@@ -38,6 +38,8 @@ ROOM_SIGNS: Mapping[str, Mapping[str, float]] = {
     "dining room": {"dining table": 1.5},
 }
 """Kind of room -> category -> what one object of it says for that kind."""
+NOWHERE = np.zeros((1, 1), dtype=np.int32), np.zeros(2), 0.0
+"""A floor plan without rooms."""
 ROOM_NAMES = {name: name for name in ROOM_SIGNS} | {"study": "office", "lounge": "living room", "bath": "bathroom"}
 
 
@@ -106,6 +108,11 @@ class Scene:
             return None
         return self.upright(self._cameras[max(self._cameras)][:3, 3])
 
+    @property
+    def tells_rooms(self) -> bool:
+        """Rooms are found in the voxels, which a map of surfaces alone does not have."""
+        return self._map.has_voxels
+
     @cached_property
     def room_names(self) -> dict[int, str]:
         """Room -> what kind it is by the objects in it; rooms without a sign have no name."""
@@ -136,11 +143,13 @@ class Scene:
     @cached_property
     def _rooms(self) -> tuple[Labels, npt.NDArray[np.float64], float]:
         """The room of each cell, where the plan begins (2,) and the floor's height, frame upright."""
+        if not self.tells_rooms:
+            return NOWHERE
         try:
             grid = occupancy_grid(self._map, ROOM_CELL)
             inside = floor_plan(grid)
         except NothingThereError:
-            return np.zeros((1, 1), dtype=np.int32), np.zeros(2), 0.0
+            return NOWHERE
         return segment_rooms(inside, ROOM_CELL), grid.origin[:2], grid.floor
 
     @cached_property

@@ -74,18 +74,14 @@ def _relations(nodes: Sequence[Submap], bodies: Sequence[Body]) -> list[tuple[in
 
 
 def _of_things(a: Body, b: Body) -> Iterator[str]:
-    """How one object is to another, without what the inverse says of the other to the one.
-
-    Two that would each rest on the other stand side by side, the one's box over the other's foot.
-    """
-    carried, carries = on(a, b), on(b, a)
-    if carried and not carries:
+    """How one object is to another, without what the inverse says of the other to the one."""
+    if on(a, b):
         yield "on"
     if inside(a, b):
         yield "in"
     if above(a, b):
         yield "above"
-    if under(a, b) and not (carries or above(b, a) or inside(b, a)):
+    if under(a, b) and not (on(b, a) or above(b, a) or inside(b, a)):
         yield "under"
 
 

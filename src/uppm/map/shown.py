@@ -37,14 +37,15 @@ def content_of(panoptic: PanopticMap, title: str) -> Content:
 
 
 def live_content(panoptic: PanopticMap, meshes: Mapping[int, Mesh]) -> Content:
-    """A running map as it is now; it answers phrases, but no questions, which would read voxels while they change."""
+    """A running map as it is now. It answers prompts of these surfaces: the voxels change while they are asked."""
+    surfaces = panoptic.of_surfaces(meshes)
     return Content(
         title="mapping",
         up=panoptic.up,
         shown=shown_submaps(panoptic.submaps, meshes),
         free=np.empty((0, 3), dtype=np.float32),
         path=camera_path(panoptic.frames),
-        ask=lambda text: _plain(panoptic.query(text, LIMIT)),
+        ask=lambda text: asked(surfaces, text),
     )
 
 
