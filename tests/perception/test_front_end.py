@@ -8,12 +8,15 @@ import cv2
 import numpy as np
 import pytest
 
-from uppm.core.config import PerceptionConfig
+from uppm.core.config import Config, PerceptionConfig
+from uppm.core.language import Caption
 from uppm.core.types import Frame
-from uppm.perception.fakes import FakeLabeler, FakeRetriever, FakeSegmenter, fake_frame
+from uppm.perception.fakes import FakeCaptioner, FakeLabeler, FakeRetriever, FakeSegmenter, fake_frame
 from uppm.perception.front_end import NOT_SHARP, FrontEnd
 from uppm.perception.keyframes import KeyframePolicy, novelty
+from uppm.perception.labels.caption import BLURRED, CaptionLabeler
 from uppm.perception.sharpness import SharpnessJudge, sharpness
+from uppm.pipeline import Mapper
 
 
 def textured(index: int = 0, *, blur: int = 0) -> Frame:
@@ -60,6 +63,17 @@ def test_blurred_frames_are_skipped_without_a_captioner() -> None:
         perception.prepare(sharp)
         assert perception.perceive(sharp[0]).skip is None
         assert perception.perceive(textured(9, blur=15)).skip == skip
+
+
+def test_both_judges_of_blur_are_reported() -> None:
+    """Frame 1 is called blurry by its caption, frame 2 is not, but is; each is counted under its judge's name."""
+    captioner = FakeCaptioner("a desk", by_index={1: Caption(text="a blurry photo of a desk")})
+    config = Config.model_validate({"perception": {"min_sharpness": 0.3}})
+    mapper = Mapper(config, labeler=CaptionLabeler(captioner), segmenter=FakeSegmenter(), retriever=FakeRetriever())
+    mapper.prepare([textured(n) for n in range(3)])
+    for frame in (textured(0), textured(1), textured(2, blur=15), textured(3)):
+        mapper.integrate(frame)
+    assert (mapper.report.frames, mapper.report.skipped) == (2, {BLURRED: 1, NOT_SHARP: 1})
 
 
 @pytest.mark.parametrize(

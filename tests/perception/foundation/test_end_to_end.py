@@ -16,6 +16,7 @@ from uppm.core.config import Config
 from uppm.core.types import Frame
 from uppm.perception import registry
 from uppm.perception.fakes import FakeLabeler, fake_frame
+from uppm.perception.models.network import Network
 from uppm.perception.models.table import MODELS
 from uppm.pipeline import Mapper, map_sequence
 
@@ -144,6 +145,35 @@ def test_every_network_runs_in_half_precision(models: Models, precision: str) ->
         else:
             alone = config.model_copy(update={"visual_feature": "none"})
             assert registry.create_segmenter(alone).segment(frame, said).ids.shape == frame.depth.shape
+
+
+@pytest.mark.heavy
+def test_memory_that_ends_costs_a_warning_and_no_frame(
+    models: Models, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on a GPU that is full at the second frame; the CPU plays its part. A smaller SAM goes on."""
+    torch, t = tiny.torch_or_skip()
+    models("owlvit")
+    for name in ("sam-vit-large", "sam-vit-base"):
+        models("sam", name)
+    sizes = {"sam-vit-large": ["sam-vit-large", "sam-vit-base"]}
+    monkeypatch.setattr(
+        Network, "_ladder", lambda self, name: ((size, torch.device("cpu")) for size in sizes.get(name, [name]))
+    )
+    embed, asked = t.SamModel.get_image_embeddings, list[int]()
+
+    def full_at_the_second(self: Any, pixels: Any) -> Any:
+        asked.append(len(asked))
+        if len(asked) == 2:
+            raise torch.OutOfMemoryError("no room")
+        return embed(self, pixels)
+
+    monkeypatch.setattr(t.SamModel, "get_image_embeddings", full_at_the_second)
+    chosen = whole({"detector": "owlvit", "masks": "sam", "masks_model": "sam-vit-large", "captioner": "vocabulary"})
+    with pytest.warns(UserWarning, match="going on with sam-vit-base on cpu") as warned:
+        report = map_sequence(Pictures(), tmp_path / "m.uppm", configuration(**chosen))
+    assert (report.frames, report.skipped, len(asked), len(warned)) == (3, {}, 4, 1)
+    assert [record.index for record in open_map(tmp_path / "m.uppm").frames] == [0, 1, 2]
 
 
 def test_the_program_writes_the_map(models: Models, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from uppm.core.protocols import MaskGenerator
 from uppm.core.types import Frame
 from uppm.perception.registry import create_mask_generator
 from uppm.perception.segmentation import sam, sam2
+from uppm.perception.segmentation.sam2 import Sam2
 from uppm.perception.segmentation.square_input import square_input
 
 Models = Callable[[str], Path]
@@ -83,6 +85,29 @@ def test_the_image_is_embedded_once_and_boxes_go_in_chunks(
     assert embedded == [1]
     assert (chunked != whole).mean() < 1e-3
     assert generator(kind).masks(picture, BOXES[:0]).shape == (0, 48, 64)
+
+
+@pytest.mark.heavy
+def test_sam2_of_real_size_is_read_from_a_folder_as_the_hub_has_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, picture: Frame
+) -> None:
+    """The published folders are those of the video model, which holds more; weights that are missing would be named."""
+    torch, t = tiny.torch_or_skip()
+    torch.manual_seed(0)
+    folder = tmp_path / tiny.NAMES["sam2"]
+    video = t.Sam2VideoModel(t.Sam2VideoConfig())  # its defaults are Hiera tiny's
+    video.save_pretrained(folder)
+    monkeypatch.setenv("UPPM_MODELS", str(tmp_path))
+    monkeypatch.setenv("UPPM_OFFLINE", "1")
+    assert json.loads((folder / "config.json").read_text())["architectures"] == ["Sam2VideoModel"]
+    published = video.state_dict()
+    for side in (512, None):
+        ours = Sam2(PerceptionConfig(masks="sam2", masks_model=tiny.NAMES["sam2"], masks_side=side, threads=2))
+        assert ours.masks(picture, BOXES[:1]).shape == (1, 48, 64)
+        own = ours._network.run(lambda loaded: loaded.module.state_dict())
+        assert sum(tensor.numel() for tensor in own.values()) > 30e6
+        for name, tensor in own.items():
+            torch.testing.assert_close(tensor, published[name], msg=name)
 
 
 def test_the_square_input_is_a_resized_normalised_image() -> None:
