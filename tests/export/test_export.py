@@ -141,6 +141,18 @@ def test_glb_nodes_carry_what_is_known_of_them(tmp_path: Path, meshes: dict[str,
     assert all(tree["meshes"][node["mesh"]]["name"] == node["name"] for node in tree["nodes"])
 
 
+def test_glb_of_a_map_that_is_upright_keeps_its_coordinates(tmp_path: Path, meshes: dict[str, Mesh]) -> None:
+    """With y up in the file: programs with z up turn it back by the same quarter."""
+    path = tmp_path / "scene.glb"
+    write_meshes(path, meshes, up=np.array([0.0, 0.0, 1.0]))
+    found = trimesh.load_scene(path)
+    quarter = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
+    for name, mesh in meshes.items():
+        matrix, geometry = found.graph[name]
+        vertices = trimesh.transform_points(found.geometry[str(geometry)].vertices, matrix) @ quarter.T
+        np.testing.assert_allclose(vertices, mesh.vertices, atol=1e-6)
+
+
 def test_points_come_back_with_their_fields(tmp_path: Path) -> None:
     rng = np.random.default_rng(4)
     points = rng.normal(size=(50, 3)).astype(np.float32)

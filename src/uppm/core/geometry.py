@@ -31,6 +31,16 @@ def level_axes(up: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], np
     return side, np.cross(up, side).astype(np.float64)
 
 
+def upright(up: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Rotation (3, 3) that takes `up` to +z by the shortest way."""
+    axis, cosine = np.cross(up, [0.0, 0.0, 1.0]), float(up[2])
+    if cosine < -0.999999:
+        return np.diag([1.0, -1.0, -1.0])
+    x, y, z = axis
+    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + skew + skew @ skew / (1 + cosine)
+
+
 def pose_from_quaternion(translation: npt.ArrayLike, xyzw: npt.ArrayLike) -> Pose:
     """(4, 4) pose of a translation (3,) and a quaternion (4,) in order x, y, z, w, normalised here."""
     q = np.asarray(xyzw, dtype=np.float64)

@@ -15,6 +15,7 @@ from trimesh.exchange.obj import export_obj
 from trimesh.exchange.ply import export_ply
 
 from uppm.core.errors import InputError
+from uppm.core.geometry import upright
 from uppm.core.types import Mesh
 from uppm.export.colors import linear_light
 from uppm.export.files import write_bytes
@@ -22,6 +23,8 @@ from uppm.export.files import write_bytes
 FORMATS = (".ply", ".glb", ".obj")
 _ARRAY, _ELEMENT_ARRAY = 34962, 34963
 """glTF's numbers for buffers of vertices and of indices."""
+_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+"""From z up to y up, as programs that have z up turn it back: they show the coordinates of a map whose up is z."""
 _UNSIGNED_SHORT, _FULL = 5123, 65535
 """glTF's number for 16 bits, and their greatest value."""
 
@@ -117,7 +120,8 @@ def _trimesh(mesh: Mesh) -> trimesh.Trimesh:
 
 def _scene(parts: Mapping[str, trimesh.Trimesh], up: npt.NDArray[np.float64]) -> trimesh.Scene:
     scene = trimesh.Scene()
-    turn = np.asarray(trimesh.geometry.align_vectors(up, [0.0, 1.0, 0.0]))
+    turn = np.eye(4)
+    turn[:3, :3] = _Y_UP @ upright(up)
     for name, part in parts.items():
         scene.add_geometry(part, node_name=name, geom_name=name, transform=turn)
     return scene

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from trimesh.geometry import align_vectors
 
 from uppm.core.errors import InputError, MissingExtraError
+from uppm.core.geometry import upright
 from uppm.core.types import Mesh
 from uppm.export.colors import linear_light
 from uppm.export.files import write_bytes
@@ -49,8 +49,9 @@ def write_usd(
     pxr.UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     pxr.UsdGeom.SetStageUpAxis(stage, pxr.UsdGeom.Tokens.z)
     root = pxr.UsdGeom.Xform.Define(stage, ROOT)
-    # USD's matrices act on rows.
-    root.AddTransformOp().Set(pxr.Gf.Matrix4d(*np.asarray(align_vectors(up, [0.0, 0.0, 1.0])).T.ravel().tolist()))
+    turn = np.eye(4)
+    turn[:3, :3] = upright(up)
+    root.AddTransformOp().Set(pxr.Gf.Matrix4d(*turn.T.ravel().tolist()))  # USD's matrices act on rows.
     stage.SetDefaultPrim(root.GetPrim())
     for name, mesh in shown.items():
         _define(pxr, stage, name, mesh, extras.get(name, {}))

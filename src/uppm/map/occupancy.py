@@ -11,7 +11,7 @@ from scipy.ndimage import distance_transform_edt, label, map_coordinates
 
 from uppm.core.categories import category_by_id
 from uppm.core.errors import InputError
-from uppm.core.geometry import invert, transform
+from uppm.core.geometry import invert, transform, upright
 from uppm.core.types import VOXELS_PER_SIDE, Mesh, Submap, SubmapKind, SubmapState, VoxelBlocks
 from uppm.map.panoptic_map import PanopticMap
 
@@ -139,16 +139,6 @@ def _forget_pockets(grid: OccupancyGrid) -> None:
     small = np.bincount(parts.ravel(), minlength=count + 1) * grid.resolution**3 < MIN_POCKET
     small[0] = False
     grid.state[small[parts]] = UNKNOWN
-
-
-def upright(up: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Rotation (3, 3) that takes `up` to +z by the shortest way."""
-    axis, cosine = np.cross(up, [0.0, 0.0, 1.0]), float(up[2])
-    if cosine < -0.999999:
-        return np.diag([1.0, -1.0, -1.0])
-    x, y, z = axis
-    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + skew + skew @ skew / (1 + cosine)
 
 
 def _dense(mesh: Mesh, spacing: float) -> npt.NDArray[np.float64]:

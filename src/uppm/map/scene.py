@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from uppm.core.categories import unified_categories
-from uppm.core.geometry import invert, transform
+from uppm.core.geometry import invert, transform, upright
 from uppm.core.types import Submap, SubmapKind
 from uppm.map.boxes import upright_box
 from uppm.map.colors import color_shares
-from uppm.map.occupancy import FREE, OCCUPIED, NothingThereError, OccupancyGrid, occupancy_grid, upright
+from uppm.map.occupancy import FREE, OCCUPIED, NothingThereError, OccupancyGrid, occupancy_grid
 from uppm.map.panoptic_map import PanopticMap
 from uppm.map.relations import Body
 from uppm.map.rooms import Labels, nearest_rooms, room_of, segment_rooms
