@@ -37,17 +37,29 @@ def assert_the_room(sequence, depth_tolerance: float = 0.0006) -> None:
         assert frame.intrinsics == CAMERA
 
 
-@pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap"])
-def test_each_kind_of_bag_holds_the_room(tmp_path: Path, kind: str) -> None:
+each_kind = pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap"])
+
+
+def maker(kind: str) -> bags.Maker:
+    return bags.Maker(ros1=kind == "ros1")
+
+
+def written(folder: Path, kind: str, messages: list) -> Path:
+    """A bag of a kind."""
     ros1 = kind == "ros1"
-    path = tmp_path / ("room.bag" if ros1 else "room")
-    bags.write(path, bags.room(bags.Maker(ros1=ros1)), ros1=ros1, mcap=kind == "mcap")
+    return bags.write(folder / ("room.bag" if ros1 else "room"), messages, ros1=ros1, mcap=kind == "mcap")
+
+
+@each_kind
+def test_each_kind_of_bag_holds_the_room(tmp_path: Path, kind: str) -> None:
+    path = written(tmp_path, kind, bags.room(maker(kind)))
     assert_the_room(opened(path))
-    if not ros1:
+    if kind != "ros1":
         (inner,) = [file for file in path.iterdir() if file.suffix in (".mcap", ".db3")]
         assert_the_room(opened(inner))
 
 
+@each_kind
 @pytest.mark.parametrize(
     ("color", "depth", "tolerance"),
     [
@@ -56,15 +68,16 @@ def test_each_kind_of_bag_holds_the_room(tmp_path: Path, kind: str) -> None:
         ("rgb8", "32FC1; compressedDepth png", 0.003),
     ],
 )
-def test_encodings(tmp_path: Path, color: str, depth: str, tolerance: float) -> None:
-    messages = bags.room(bags.Maker(ros1=False), color=color, depth=depth)
-    assert_the_room(opened(bags.write(tmp_path / "room", messages)), tolerance)
+def test_encodings(tmp_path: Path, kind: str, color: str, depth: str, tolerance: float) -> None:
+    messages = bags.room(maker(kind), color=color, depth=depth)
+    assert_the_room(opened(written(tmp_path, kind, messages)), tolerance)
 
 
-def test_it_passes_the_check_and_maps(tmp_path: Path) -> None:
+@each_kind
+def test_it_passes_the_check_and_maps(tmp_path: Path, kind: str) -> None:
     import uppm
 
-    path = bags.write(tmp_path / "room", bags.room(bags.Maker(ros1=False)))
+    path = written(tmp_path, kind, bags.room(maker(kind)))
     result = check_sequence(opened(path))
     assert result.ok, result.findings
     assert result.format == "bag"
@@ -73,13 +86,14 @@ def test_it_passes_the_check_and_maps(tmp_path: Path) -> None:
     assert len(mesh.faces) > 1000
 
 
-def test_poses_of_a_topic_are_carried_to_the_camera(tmp_path: Path) -> None:
-    m = bags.Maker(ros1=False)
+@each_kind
+def test_poses_of_a_topic_are_carried_to_the_camera(tmp_path: Path, kind: str) -> None:
+    m = maker(kind)
     messages = [each for each in bags.room(m) if each[0] != "/tf"]
     for i in range(bags.COUNT):
         odometry = m.odometry(bags.stamp(i), pose(i) @ invert(bags.OPTICAL), "base_link")
         messages.append(("/odom", "nav_msgs/msg/Odometry", bags.stamp(i), odometry))
-    path = bags.write(tmp_path / "room", messages)
+    path = written(tmp_path, kind, messages)
     assert_the_room(opened(path, pose_topic="/odom"))
     with pytest.raises(InputError, match=r"a moving transform above the colour camera's frame 'camera'.*/odom"):
         opened(path)
@@ -158,6 +172,7 @@ def without(messages: list, *topics: str) -> list:
     return [each for each in messages if not each[0].startswith(topics)]
 
 
+@each_kind
 @pytest.mark.parametrize(
     ("gone", "message"),
     [
@@ -168,10 +183,10 @@ def without(messages: list, *topics: str) -> list:
         ("/tf_static", r"chain of transforms|a moving transform above the colour camera's frame 'camera'.*map, odom"),
     ],
 )
-def test_what_is_missing_is_said_with_what_there_is(tmp_path: Path, gone: str, message: str) -> None:
-    messages = bags.room(bags.Maker(ros1=False))
+def test_what_is_missing_is_said_with_what_there_is(tmp_path: Path, kind: str, gone: str, message: str) -> None:
+    messages = bags.room(maker(kind))
     kept = [each for each in messages if each[0] != gone] if gone == "/tf_static" else without(messages, gone)
-    path = bags.write(tmp_path / "room", kept)
+    path = written(tmp_path, kind, kept)
     with pytest.raises(InputError, match=message) as error:
         opened(path)
     assert "\n" not in str(error.value)

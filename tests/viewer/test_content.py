@@ -15,6 +15,7 @@ from uppm.core.errors import InputError
 from uppm.core.shown import COLORINGS
 from uppm.map.panoptic_map import PanopticMap
 from uppm.map.shown import confidence_color, content_of
+from uppm.viewer.facts import changes_html
 from uppm.viewer.html import STEPS, map_page
 
 
@@ -47,6 +48,19 @@ def test_freespace_is_what_was_seen_free(panoptic: PanopticMap) -> None:
 
 def test_path_is_in_order(panoptic: PanopticMap) -> None:
     assert [index for index, _ in content_of(panoptic, "room").path] == list(range(10))
+
+
+def test_what_an_older_map_had_is_listed(panoptic: PanopticMap) -> None:
+    """Counts by state, and those that are gone; nothing for a map that was compared with none."""
+    content = content_of(panoptic, "room")
+    html = changes_html(content.shown, content.gone)
+    assert "new · 1" in html
+    assert "absent · 1" in html
+    assert "cup #8: absent" in html
+    assert "persistent" not in html
+    hostile = {**content.gone[0], "label": HOSTILE}
+    assert "<img" not in changes_html(content.shown, [hostile])
+    assert changes_html(content.shown[1:], ()) == ""
 
 
 def test_page_holds_the_map(panoptic: PanopticMap) -> None:

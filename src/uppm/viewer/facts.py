@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from html import escape
+from typing import Any
 
-from uppm.core.shown import Answers, Shown
+from uppm.core.shown import CHANGE_COLORS, Answers, Shown
 
 NO_PICTURES = "No pictures: the map keeps none. Start the viewer with --sequence."
 _BAR = "background:linear-gradient(90deg,#f4c08a {share}%,transparent {share}%);padding:1px 6px;margin:2px 0"
@@ -32,6 +34,29 @@ def answers_html(answers: Answers) -> str:
     """How a prompt was understood, and its answers."""
     lines = "".join(f"<div>{escape(line)}</div>" for line in answers.said)
     return f'<div style="font-size:13px;padding:4px 10px">{lines}</div>'
+
+
+def changes_html(shown: Sequence[Shown], gone: Sequence[Mapping[str, Any]]) -> str:
+    """What became of an older map's objects: how many of each state, in its colour, and those that are not here.
+
+    Empty for a map that was compared with none.
+    """
+    states = [s.facts["change"]["state"] for s in shown if s.facts["change"]] + [g["state"] for g in gone]
+    counts = Counter(states)
+    legend = [
+        f'<div><span style="color:rgb{color}">&#9632;</span> {state} · {counts[state]}</div>'
+        for state, color in CHANGE_COLORS.items()
+        if counts[state]
+    ]
+    lines = [f"<div>{escape(gone_name(g))}</div>" for g in gone]
+    missing = ["<div><b>Not in this map</b></div>", *lines] if lines else []
+    text = "".join([*legend, *missing])
+    return f'<div style="font-size:13px;padding:4px 10px">{text}</div>' if text else ""
+
+
+def gone_name(change: Mapping[str, Any]) -> str:
+    """An older map's object that this one lacks."""
+    return f"{change['label'] or change['category']} #{change['id_old']}: {change['state']}"
 
 
 def _rows(shown: Shown) -> dict[str, str]:

@@ -9,14 +9,17 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from uppm.core.shown import Content, Shown
+from uppm.core.shown import CHANGE_COLORS, Content, Shown
 from uppm.core.types import Mesh
+from uppm.viewer.facts import gone_name
 from uppm.viewer.look import Look, Style, style_of
 
 FREE_COLOR = (50, 140, 215)
 PATH_COLOR = (25, 25, 150)
 FRUSTUM = np.array([[-0.16, -0.12, 0.24], [0.16, -0.12, 0.24], [0.16, 0.12, 0.24], [-0.16, 0.12, 0.24]])
 """Corners of a drawn camera's image, metres, frame camera."""
+MARK = 0.06
+"""Radius of a ball where something was, metres."""
 FRUSTUMS = 40
 """Cameras drawn along the path, at most about so many."""
 
@@ -86,6 +89,8 @@ class MapNodes:
         self._submaps: dict[int, SubmapNode] = {}
         self._path: tuple[tuple[int, npt.NDArray[np.float64]], ...] = ()
         self._free: Any = None
+        self._gone: list[Any] = []
+        """Marks of what an older map had and this one lacks."""
         self._lines: Any = None
 
     @property
@@ -107,6 +112,7 @@ class MapNodes:
         if len(content.free):
             colors = np.tile(np.array(FREE_COLOR, dtype=np.uint8), (len(content.free), 1))
             self._free = self._scene.add_point_cloud("/free", content.free, colors, point_size=0.03, visible=look.free)
+        self._mark_gone(content)
         self.restyle(look)
 
     def restyle(self, look: Look) -> None:
@@ -115,7 +121,21 @@ class MapNodes:
             node.apply(style_of(node.shown, look))
         if self._free is not None:
             _set(self._free, visible=look.free)
+        for mark in self._gone:
+            _set(mark, visible=look.coloring == "change")
         self._draw_path(look)
+
+    def _mark_gone(self, content: Content) -> None:
+        """A ball and its name where each object of an older map was that this one lacks."""
+        for mark in self._gone:
+            mark.remove()
+        self._gone = []
+        for change in content.gone:
+            name, at = f"/gone/{change['id_old']}", change["center_old"]
+            color = CHANGE_COLORS[change["state"]]
+            ball = self._scene.add_icosphere(f"{name}/ball", MARK, color, position=at, visible=False, cast_shadow=False)
+            label = self._scene.add_label(f"{name}/name", gone_name(change), position=at, visible=False)
+            self._gone += [ball, label]
 
     def _draw_path(self, look: Look) -> None:
         poses = [T for index, T in self._path if look.until is None or index <= look.until]

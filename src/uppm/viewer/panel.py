@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from uppm.core.errors import UppmError
 from uppm.core.shown import COLORINGS, Answers, Shown
-from uppm.viewer.facts import answers_html, facts_html
+from uppm.viewer.facts import answers_html, changes_html, facts_html
 
 Changed = Callable[..., None]
 """Takes fields of `Look` by name."""
@@ -34,6 +34,7 @@ class Panel:
         self._facts = gui.add_html("", visible=False)
         coloring = gui.add_dropdown("Colour", COLORINGS, initial_value=COLORINGS[0])
         coloring.on_update(lambda _: changed(coloring=coloring.value))
+        self._changes = gui.add_html("", visible=False)
         self._time = gui.add_slider("Up to frame", min=0, max=1, step=1, initial_value=1)
         self._time.on_update(lambda _: changed(until=self.until))
         for name, field in (("Camera path", "path"), ("Freespace", "free")):
@@ -47,8 +48,10 @@ class Panel:
         """The frame that the slider is at; None at its end, where frames to come are shown too."""
         return None if self._time.value >= self._time.max else int(self._time.value)
 
-    def update(self, shown: Iterable[Shown], last_frame: int) -> None:
-        """Take over a newer map: its categories and how many frames it has."""
+    def update(self, shown: Sequence[Shown], last_frame: int, gone: Sequence[Mapping[str, Any]] = ()) -> None:
+        """Take over a newer map: its categories, how many frames it has, and what an older one had."""
+        changes = changes_html(shown, gone)
+        self._changes.content, self._changes.visible = changes, bool(changes)
         at_end, last = self._time.value >= self._time.max, max(1, last_frame)
         if self._time.max != last:
             self._time.max = last

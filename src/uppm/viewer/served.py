@@ -81,7 +81,7 @@ class ServedMap:
                 self._look_at_all(content)
             self.nodes.update(content, self.look)
             last = max([0, *(index for index, _ in content.path), *(s.submap.last_frame for s in content.shown)])
-            self.panel.update(content.shown, last)
+            self.panel.update(content.shown, last, content.gone)
 
     def choose(self, **fields: Any) -> None:
         """Change what is shown; fields of `Look`."""
