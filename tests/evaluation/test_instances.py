@@ -92,10 +92,10 @@ def test_a_submap_over_two_instances_belongs_to_the_larger(truth: SurfaceTruth) 
 def test_half_a_submap_on_an_instance_does_not_make_it_its_own(truth: SurfaceTruth) -> None:
     off = SurfacePart(id=5, mesh=square(0.5, 2, 1), category="couch", is_object=True)
     samples = sample_parts([off], 10_000)
-    on_it = main_instances(samples, nearest_points(samples.points, truth.points), truth)
+    on_it = main_instances(samples, nearest_points(samples.points, truth.index), truth)
     assert on_it == {5: 3}  # half of it, and the strip of 5 cm beside
     further = sample_parts([SurfacePart(id=5, mesh=square(0.6, 2, 1))], 10_000)
-    assert main_instances(further, nearest_points(further.points, truth.points), truth) == {5: 0}
+    assert main_instances(further, nearest_points(further.points, truth.index), truth) == {5: 0}
 
 
 def test_pixels_decide_what_is_visible(truth: SurfaceTruth) -> None:

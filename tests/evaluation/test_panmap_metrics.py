@@ -8,6 +8,7 @@ import pytest
 from scipy.interpolate import RegularGridInterpolator
 
 from uppm.core.types import VOXELS_PER_SIDE, VoxelBlocks
+from uppm.evaluation.geometry import PointIndex
 from uppm.evaluation.panmap_metrics import TsdfLayer, interpolated_distance, panmap_metrics
 
 SIZE, TRUNCATION = 0.05, 0.1
@@ -44,7 +45,7 @@ def plane(height: float = 0.0) -> npt.NDArray[np.float64]:
 def test_plane_by_hand() -> None:
     truth = np.array([[0.1, 0.1, 0.03], [0.2, 0.3, -0.02], [0.1, 0.2, 0.25], [9, 9, 9.0]])
     # 3 and 2 cm; over the band the stored distance is the truncation, 10 cm; the last point is unknown.
-    found = panmap_metrics([layer(plane())], np.array([[0.1, 0.1, 0.0]]), truth)
+    found = panmap_metrics([layer(plane())], np.array([[0.1, 0.1, 0.0]]), PointIndex(truth))
     assert found.panmap_gt_error_cm == pytest.approx((3 + 2 + 10) / 3, abs=1e-3)
     assert found.panmap_gt_rmse_cm == pytest.approx(np.sqrt((9 + 4 + 100) / 3), abs=1e-3)
     assert found.panmap_gt_unknown_ratio == 0.25
@@ -53,7 +54,9 @@ def test_plane_by_hand() -> None:
 
 
 def test_of_two_submaps_the_lower_signed_distance() -> None:
-    found = panmap_metrics([layer(plane(0.0)), layer(plane(0.05))], np.empty((0, 3)), np.array([[0.1, 0.1, 0.06]]))
+    found = panmap_metrics(
+        [layer(plane(0.0)), layer(plane(0.05))], np.empty((0, 3)), PointIndex(np.array([[0.1, 0.1, 0.06]]))
+    )
     assert found.panmap_gt_error_cm == pytest.approx(1, abs=1e-3)
     assert found.panmap_map_error_cm is None
 

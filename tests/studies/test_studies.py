@@ -17,11 +17,16 @@ from uppm.cli.studies import read_levels
 from uppm.core.config import Config
 from uppm.core.errors import InputError
 from uppm.core.types import Mesh
+from uppm.datasets.registry import open_sequence
 from uppm.evaluation.error_colors import InstanceError
+from uppm.evaluation.ground_truth import load_instances, load_surface_truth
 from uppm.evaluation.map_evaluation import Reconstruction
 from uppm.evaluation.sampling import SurfacePart
 from uppm.regimes.report import write_report
-from uppm.studies.ablation import fill, measure_segments
+from uppm.regimes.segmentation import evaluate_segmenter
+from uppm.regimes.sequence import evaluate_front_end
+from uppm.studies.ablation import fill
+from uppm.studies.mapping import SharedPerception
 from uppm.studies.measure import measure, unified
 from uppm.studies.noise import CURVES, METHODS
 from uppm.studies.paper_tables import TABLES, VARIANTS
@@ -130,11 +135,10 @@ def test_without_noise_every_name_of_a_thing_is_asked_and_most_are_found(tmp_pat
     assert picture is not None
     drawn = picture[..., ::-1].reshape(-1, 3).astype(float)
     assert ((drawn @ green > 0.98 * np.linalg.norm(drawn, axis=1) * np.linalg.norm(green)).mean()) > 0.02
-    segments = measure_segments(DEMO, config)
-    assert segments["pq"] > 0.9
-    noisy = measure_segments(DEMO, Config.load(None, [*FEW, "perception.simulated.level=2"]))
-    assert noisy["pq"] < segments["pq"]
-    assert noisy["fn"] > segments["fn"]
+    assert found["pq"] > 0.9
+    noisy = measure(DEMO, Config.load(None, [*FEW, "perception.simulated.level=2"]), tmp_path / "noisy.png")
+    assert noisy["pq"] < found["pq"]
+    assert noisy["fn"] > found["fn"]
 
 
 def test_a_run_gives_the_same_figures_and_picture_again(tmp_path: Path) -> None:
@@ -142,6 +146,27 @@ def test_a_run_gives_the_same_figures_and_picture_again(tmp_path: Path) -> None:
     once, twice = (measure(DEMO, config, tmp_path / f"{n}.png") for n in range(2))
     assert json.dumps(once) == json.dumps(twice)
     assert (tmp_path / "0.png").read_bytes() == (tmp_path / "1.png").read_bytes()
+
+
+def test_runs_that_share_perception_find_what_they_find_alone(tmp_path: Path) -> None:
+    shared, settings = SharedPerception(), [*FEW, "input.stride=20"]
+    for own in ([], ["retrieval.method=labels"], ["fusion.category_policy=same"], ["perception.nms=none"]):
+        config = Config.load(None, [*settings, *own])
+        together = measure(DEMO, config, tmp_path / "together.png", shared)
+        assert json.dumps(together) == json.dumps(measure(DEMO, config, tmp_path / "alone.png"))
+        assert (tmp_path / "together.png").read_bytes() == (tmp_path / "alone.png").read_bytes()
+
+
+def test_a_study_measures_what_the_commands_measure(tmp_path: Path) -> None:
+    config = Config.load(None, [*FEW, "input.stride=20"])
+    found = measure(DEMO, config, tmp_path / "map.png")
+    source, truth = open_sequence(DEMO, config.input), load_surface_truth(DEMO)
+    alone = evaluate_front_end(source, truth, config, tmp_path / "alone.uppm")[0]
+    # Segments' classes are unified in both; the map's voxels were written and read again in one of them.
+    for key in ("accuracy_cm", "completeness_cm", "pq_3d", "map_50", "miou", "object_count_ratio", "frames"):
+        assert found[key] == alone[key]
+    segments = evaluate_segmenter(source, load_instances(DEMO), config)
+    assert [found[key] for key in ("pq", "sq", "rq")] == [segments[key] for key in ("pq", "sq", "rq")]
 
 
 def test_reports_of_studies_have_tables_curves_and_the_pictures_that_are_there(tmp_path: Path) -> None:

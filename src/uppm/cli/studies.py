@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -29,7 +30,9 @@ def evaluate_ablation_command(
     """The paper's ablations on one sequence: its tables, ours beside its own figures (docs/simulated.md)."""
     from uppm.export.files import write_json
     from uppm.regimes.report import make_folder, write_report
-    from uppm.studies.ablation import fill, measure_all, run_ablation
+    from uppm.studies.ablation import fill, run_ablation
+    from uppm.studies.mapping import SharedPerception
+    from uppm.studies.measure import measure
     from uppm.studies.paper_tables import TABLES
     from uppm.studies.report import ablation_report
     from uppm.studies.runs import Runs
@@ -39,7 +42,7 @@ def evaluate_ablation_command(
 
     make_folder(output)
     settings = [f"perception.profile={json.dumps(perception)}", *(set_ or [])]
-    runs = Runs.open(output / "ablation-runs.json", measure_all, resume=resume)
+    runs = Runs.open(output / "ablation-runs.json", partial(measure, shared=SharedPerception()), resume=resume)
     figures = run_ablation(sequence, config, settings, runs, tell)
     tables = [{"title": table.title, "paper_data": table.paper_data, "rows": fill(table, figures)} for table in TABLES]
     found = {"data": sequence.name, "perception": perception, "settings": set_ or [], "tables": tables}
@@ -62,6 +65,7 @@ def evaluate_noise_command(
 ) -> None:
     """Curves of PQ, object count and recall against simulated noise, for UPPM, PPM and panmap (docs/simulated.md)."""
     from uppm.regimes.report import make_folder, write_report
+    from uppm.studies.mapping import SharedPerception
     from uppm.studies.measure import measure
     from uppm.studies.noise import draw_curves, noise_curves
     from uppm.studies.report import noise_report
@@ -71,7 +75,7 @@ def evaluate_noise_command(
         typer.echo(f"{sequence}: {method} at noise {level:g}", err=True)
 
     make_folder(output)
-    runs = Runs.open(output / "noise-runs.json", measure, resume=resume)
+    runs = Runs.open(output / "noise-runs.json", partial(measure, shared=SharedPerception()), resume=resume)
     rows = noise_curves(sequences, read_levels(levels), set_ or [], runs, tell)
     draw_curves(rows).savefig(output / "noise.png", dpi=120)
     _print_curves(rows)

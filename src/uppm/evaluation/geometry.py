@@ -8,19 +8,54 @@ an error; maps made with another range are to be cut to it before they are compa
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import KDTree
 
 from uppm.core.errors import InputError
+from uppm.core.threads import usable_cores
 
 THRESHOLD = 0.05
 """Metres: the 5 cm of the completion ratio, precision, recall and F1."""
 CELL = 0.1
 """Metres: queries are asked cell by cell."""
 
+NEAR = 0.1
+"""Metres: queries with no point so near are asked again of the second tree."""
+LEAF, FAR_LEAF = 16, 128
+"""Points in a leaf of the trees for near and for far queries."""
+
 Points = npt.NDArray[np.float64]
+
+
+class PointIndex:
+    """Answers which of some points (M, 3) is the nearest; its trees are built when first asked for, and kept."""
+
+    def __init__(self, points: Points) -> None:
+        self.points = points
+
+    @cached_property
+    def tree(self) -> KDTree:
+        """For queries near the points."""
+        return KDTree(self.points, leafsize=LEAF, balanced_tree=False)
+
+    @cached_property
+    def far_tree(self) -> KDTree:
+        """For queries metres away: the nearest could be in hundreds of small leaves, so that larger ones are faster."""
+        return KDTree(self.points, leafsize=FAR_LEAF, balanced_tree=False)
+
+    def nearest(self, queries: Points) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.intp]]:
+        """Distance and index (N,) of the nearest point for each query (N, 3)."""
+        # Neighbours asked for one after the other find the tree's nodes in the cache: three times as fast.
+        order, threads = np.lexsort(np.floor(queries / CELL).T), usable_cores()
+        distance, index = np.empty(len(queries)), np.empty(len(queries), dtype=np.intp)
+        distance[order], index[order] = self.tree.query(queries[order], distance_upper_bound=NEAR, workers=threads)
+        far = order[np.isinf(distance[order])]
+        if len(far):
+            distance[far], index[far] = self.far_tree.query(queries[far], workers=threads)
+        return distance, index
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,13 +97,13 @@ class GeometricMetrics:
     """F1 without floors, walls and ceilings; None where there is nothing else."""
 
 
-def nearest_points(reconstruction: Points, truth: Points) -> NearestPoints:
+def nearest_points(reconstruction: Points, truth: PointIndex) -> NearestPoints:
     """Nearest neighbours both ways between R (N, 3) and G (M, 3), metres; raises `InputError` where one is empty."""
-    for name, points in (("reconstruction", reconstruction), ("ground truth", truth)):
+    for name, points in (("reconstruction", reconstruction), ("ground truth", truth.points)):
         if not len(points):
             raise InputError(name, expected="points on a surface", found="none", advice="check what it was made from")
-    to_truth, i = nearest(reconstruction, truth)
-    to_reconstruction, j = nearest(truth, reconstruction)
+    to_truth, i = truth.nearest(reconstruction)
+    to_reconstruction, j = PointIndex(reconstruction).nearest(truth.points)
     return NearestPoints(to_truth=to_truth, truth=i, to_reconstruction=to_reconstruction, reconstruction=j)
 
 
@@ -117,12 +152,3 @@ def _foreground_f1(nearest: NearestPoints, foreground: npt.NDArray[np.bool_]) ->
     claimed = nearest.to_truth[foreground[nearest.truth]]
     precision = share_within(claimed) if len(claimed) else 0.0
     return f1(precision, share_within(nearest.to_reconstruction[foreground]))
-
-
-def nearest(queries: Points, points: Points) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.intp]]:
-    """Distance and index of the nearest of `points` for each query."""
-    # Neighbours asked for one after the other find the tree's nodes in the cache: three times as fast.
-    order = np.lexsort(np.floor(queries / CELL).T)
-    distance, index = np.empty(len(queries)), np.empty(len(queries), dtype=np.intp)
-    distance[order], index[order] = KDTree(points, leafsize=16).query(queries[order], workers=2)
-    return distance, index

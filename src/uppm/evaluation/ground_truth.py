@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import Protocol
@@ -12,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from uppm.core.errors import InputError
+from uppm.evaluation.geometry import PointIndex
 
 UNKNOWN = 0
 """Instance of points of which nothing is known but that they are surface."""
@@ -45,6 +47,11 @@ class SurfaceTruth:
     """Only what the cameras saw within range is in it; otherwise it is a whole scan (`observed.observe`)."""
     unmapped: tuple[str, ...] = ()
     """Labels without a unified category, whose instances are unknown."""
+
+    @cached_property
+    def index(self) -> PointIndex:
+        """Of `points`; built once, however many reconstructions are compared with them."""
+        return PointIndex(self.points)
 
     @property
     def foreground(self) -> npt.NDArray[np.bool_]:

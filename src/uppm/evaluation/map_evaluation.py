@@ -142,7 +142,7 @@ def compare(
         points_per_m2=points_per_m2,
         seed=seed,
         samples=samples,
-        nearest=nearest_points(samples.points, truth.points),
+        nearest=nearest_points(samples.points, truth.index),
         misalignment=misalignment,
         aligned=align and misalignment is not None,
     )
@@ -157,7 +157,7 @@ def measure(comparison: Comparison, min_pixels: int = MIN_PIXELS) -> MapEvaluati
         panoptic = panoptic_metrics([surface_overlaps(parts, c.samples, c.nearest, c.truth)])
     if c.reconstruction.layers:
         vertices = np.concatenate([part.mesh.vertices for part in parts])
-        panmap = panmap_metrics(c.reconstruction.layers, vertices, c.truth.points)
+        panmap = panmap_metrics(c.reconstruction.layers, vertices, c.truth.index)
     return MapEvaluation(
         source=c.reconstruction.source,
         ground_truth=c.truth.source,
@@ -169,7 +169,7 @@ def measure(comparison: Comparison, min_pixels: int = MIN_PIXELS) -> MapEvaluati
         misalignment_cm=off.shift_cm if off else None,
         misalignment_deg=off.rotation_deg if off else None,
         notes=tuple(_notes(c)),
-        accuracy_along_normal_cm=accuracy_along_normal(c.samples.points, c.truth.points, c.nearest, c.seed),
+        accuracy_along_normal_cm=accuracy_along_normal(c.samples.points, c.truth.index, c.nearest, c.seed),
         geometry=geometric_metrics(c.nearest, c.truth.foreground),
         instances=instances,
         classes_excluded=len(c.truth.classes_without_points),

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import KDTree
 
-from uppm.evaluation.geometry import NearestPoints, Points
+from uppm.core.threads import usable_cores
+from uppm.evaluation.geometry import NearestPoints, PointIndex, Points
 
 NEIGHBOURS = 12
 """Points of the ground truth, itself included, through which a plane is laid: a patch of 3 to 4 cm where 1 cm apart."""
@@ -14,7 +14,7 @@ SAMPLES = 200_000
 """Points of R that are measured at most; their mean is known to 0.002 cm."""
 
 
-def accuracy_along_normal(reconstruction: Points, truth: Points, nearest: NearestPoints, seed: int = 0) -> float:
+def accuracy_along_normal(reconstruction: Points, truth: PointIndex, nearest: NearestPoints, seed: int = 0) -> float:
     """Mean of \\|(r - g) . n_g\\| over r in R with its nearest g in G, cm.
 
     The normal n_g of a point of G is the direction in which it and its nearest neighbours spread least. Of R (N, 3) a
@@ -24,12 +24,13 @@ def accuracy_along_normal(reconstruction: Points, truth: Points, nearest: Neares
     if len(chosen) > SAMPLES:
         chosen = np.random.default_rng(seed).choice(chosen, SAMPLES, replace=False)
     of, index = np.unique(nearest.truth[chosen], return_inverse=True)
-    offset = reconstruction[chosen] - truth[nearest.truth[chosen]]
+    offset = reconstruction[chosen] - truth.points[nearest.truth[chosen]]
     return 100 * float(np.abs(np.einsum("ij,ij->i", offset, estimated_normals(truth, of)[index])).mean())
 
 
-def estimated_normals(points: Points, of: npt.NDArray[np.intp]) -> Points:
-    """Unit normals (K, 3), of either sign, at points[of]."""
-    near = KDTree(points).query(points[of], k=min(NEIGHBOURS, len(points)), workers=2)[1].reshape(len(of), -1)
+def estimated_normals(truth: PointIndex, of: npt.NDArray[np.intp]) -> Points:
+    """Unit normals (K, 3), of either sign, at truth.points[of]."""
+    points, count = truth.points, min(NEIGHBOURS, len(truth.points))
+    near = truth.tree.query(points[of], k=count, workers=usable_cores())[1].reshape(len(of), -1)
     spread = points[near] - points[near].mean(axis=1, keepdims=True)
     return np.linalg.eigh(np.einsum("nki,nkj->nij", spread, spread))[1][:, :, 0]

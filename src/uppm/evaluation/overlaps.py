@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -61,7 +62,7 @@ class Overlaps:
         union = self.truth_area[:, None] + self.predicted_area[None, :] - self.intersection
         return self.intersection / np.maximum(union, 1)
 
-    @property
+    @cached_property
     def right_class(self) -> npt.NDArray[np.bool_]:
         """(T, P): the predicted class is one of the true ones."""
         rows = [[p.name in t.classes for p in self.predicted] for t in self.truth]

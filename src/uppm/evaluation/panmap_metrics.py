@@ -12,10 +12,10 @@ from itertools import product
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import KDTree
 
 from uppm.core.geometry import invert, transform
 from uppm.core.types import VOXELS_PER_SIDE, VoxelBlocks
+from uppm.evaluation.geometry import PointIndex
 
 MAX_DISTANCE = 0.2
 """Metres; larger errors count as this, as in their evaluation's default."""
@@ -57,20 +57,21 @@ class PanmapMetrics:
     panmap_map_rmse_cm: float | None
 
 
-def panmap_metrics(layers: Iterable[TsdfLayer], vertices: npt.NDArray[np.floating], truth: Points) -> PanmapMetrics:
+def panmap_metrics(layers: Iterable[TsdfLayer], vertices: npt.NDArray[np.floating], truth: PointIndex) -> PanmapMetrics:
     """Both errors between a map's layers and mesh vertices (V, 3) and G (M, 3), frame map."""
-    distance = np.full(len(truth), np.inf)
+    points = truth.points
+    distance = np.full(len(points), np.inf)
     for layer in layers:
         # As they do for submaps that hold their own geometry only: the least signed distance of those that know it.
-        distance = np.fmin(distance, interpolated_distance(layer, truth))
+        distance = np.fmin(distance, interpolated_distance(layer, points))
     known = np.isfinite(distance)
     error = np.minimum(np.abs(distance[known]), MAX_DISTANCE)
-    to_truth = KDTree(truth).query(vertices, workers=2)[0] if len(vertices) else np.empty(0)
+    to_truth = truth.nearest(vertices.astype(np.float64))[0] if len(vertices) else np.empty(0)
     return PanmapMetrics(
         panmap_gt_error_cm=_cm(error.mean()) if len(error) else None,
         panmap_gt_rmse_cm=_cm(np.sqrt((error**2).mean())) if len(error) else None,
-        panmap_gt_unknown_ratio=1 - len(error) / len(truth),
-        panmap_gt_inlier_ratio=float((error <= INLIER_DISTANCE).sum() / len(truth)),
+        panmap_gt_unknown_ratio=1 - len(error) / len(points),
+        panmap_gt_inlier_ratio=float((error <= INLIER_DISTANCE).sum() / len(points)),
         panmap_map_error_cm=_cm(to_truth.mean()) if len(vertices) else None,
         panmap_map_rmse_cm=_cm(np.sqrt((to_truth**2).mean())) if len(vertices) else None,
     )

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from uppm.core.types import Mesh
 from uppm.evaluation.error_colors import FOUND, MISSED, InstanceError, distance_colors, instance_colors
-from uppm.evaluation.geometry import THRESHOLD, nearest
+from uppm.evaluation.geometry import THRESHOLD
 from uppm.evaluation.ground_truth import SurfaceTruth
 from uppm.evaluation.instances import main_instances
 from uppm.evaluation.map_evaluation import Comparison
@@ -73,7 +73,7 @@ class _Drawing:
         points, parts = comparison.truth.points, comparison.reconstruction.parts
         meshes = [_surface(part.mesh) for part in parts]
         mesh = merged(meshes)
-        distance, index = nearest(mesh.vertices.astype(np.float64), points)
+        distance, index = comparison.truth.index.nearest(mesh.vertices.astype(np.float64))
         view = choose_view(np.stack([points.min(axis=0), points.max(axis=0)]), up_of(comparison.truth))
         part = np.repeat([part.id for part in parts], [len(mesh.vertices) for mesh in meshes])
         return cls(mesh=mesh, part=part, distance=distance, nearest=index, view=view)

@@ -7,10 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from uppm.core.config import Config
-from uppm.datasets.registry import open_sequence
-from uppm.evaluation.ground_truth import load_instances
-from uppm.regimes.segmentation import evaluate_segmenter
-from uppm.studies.measure import measure
 from uppm.studies.paper_tables import VARIANTS, Column, PaperTable, Row
 from uppm.studies.runs import Runs
 
@@ -38,25 +34,13 @@ def run_ablation(
     settings : sequence of str
         For every variant, before its own.
     runs : Runs
-        Of `measure_all`.
+        Of `measure`.
     """
     figures: dict[str, dict[str, Any]] = {}
     for done, (name, own) in enumerate(VARIANTS.items()):
         progress(name, done, len(VARIANTS))
         figures[name] = runs(sequence, Config.load(source, [*settings, *own]))
     return figures
-
-
-def measure_all(sequence: Path, config: Config, picture: Path) -> dict[str, Any]:
-    """The map's metrics and those of the segments that went into it."""
-    return measure(sequence, config, picture) | measure_segments(sequence, config)
-
-
-def measure_segments(sequence: Path, config: Config) -> dict[str, Any]:
-    """PQ, SQ, RQ, and the matched and the missed true segments, over all frames that are not skipped."""
-    found = evaluate_segmenter(open_sequence(sequence, config.input), load_instances(sequence), config)
-    counts = {key: sum(of_class[key] for of_class in found["per_class"].values()) for key in ("tp", "fn")}
-    return {key: found[key] for key in ("pq", "sq", "rq")} | counts
 
 
 def fill(table: PaperTable, figures: Figures) -> list[dict[str, Any]]:

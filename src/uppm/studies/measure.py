@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import asdict, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -15,32 +15,53 @@ from uppm.evaluation.ground_truth import SurfaceTruth, load_surface_truth
 from uppm.evaluation.instances import MIN_PIXELS, InstanceMatch
 from uppm.evaluation.language import PromptOutcome, language_metrics
 from uppm.evaluation.map_evaluation import Comparison, Reconstruction
+from uppm.evaluation.panoptic_metrics import PanopticMetrics
 from uppm.export.files import write_png
 from uppm.map.panoptic_map import PanopticMap
 from uppm.perception.labels.lemma import lemmatize
 from uppm.perception.retrieval import create_retriever
 from uppm.perception.retrieval.embeddings import LabelEmbeddings
 from uppm.perception.simulated.names import name_table
-from uppm.pipeline import map_sequence, open_map, open_sequence
 from uppm.regimes.pictures import draw_instances
 from uppm.regimes.reconstructions import map_reconstruction
+from uppm.studies.mapping import SharedPerception, map_and_segments
 
 PROGRAM_ONLY = ("matches", "per_class")
 """What `evaluate_map` gives that fits no table."""
 
 
-def measure(sequence: Path, config: Config, picture: Path) -> dict[str, Any]:
+@lru_cache(maxsize=2)
+def _truth(sequence: Path) -> SurfaceTruth:
+    """Read once for all runs of a study, and with it the index of its points."""
+    return load_surface_truth(sequence)
+
+
+def measure(sequence: Path, config: Config, picture: Path, shared: SharedPerception | None = None) -> dict[str, Any]:
     """The metrics of docs/evaluation.md, and those of the answers to every name, of the map of a sequence.
 
-    picture : where to draw the map's right and wrong instances, PNG.
+    Beside the map's own stand those of the segments that went into it: `pq`, `sq`, `rq`, and `tp` and `fn`, the
+    matched and the missed true segments over all frames that are not skipped.
+
+    Parameters
+    ----------
+    picture : Path
+        Where to draw the map's right and wrong instances, PNG.
+    shared : SharedPerception, optional
+        What other runs of the study saw.
     """
-    source, truth = open_sequence(sequence, config.input), load_surface_truth(sequence)
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "study.uppm"
-        report = map_sequence(source, file, config)
-        found, comparison = measure_map(open_map(file), truth)
+    mapper, segments = map_and_segments(sequence, config, shared or SharedPerception())
+    panoptic_map = mapper.map
+    found, comparison = measure_map(panoptic_map, _truth(sequence))
     write_png(picture, draw_instances(comparison))
-    return {"frames": report.frames, "frames_skipped": sum(report.skipped.values()), **found}
+    report = panoptic_map.report
+    counts = {"frames": report.frames, "frames_skipped": sum(report.skipped.values())}
+    return counts | found | segment_figures(segments)
+
+
+def segment_figures(segments: PanopticMetrics) -> dict[str, Any]:
+    """PQ, SQ, RQ, and the matched and the missed true segments of all classes."""
+    counts = {key: sum(getattr(of_class, key) for of_class in segments.per_class.values()) for key in ("tp", "fn")}
+    return {"pq": segments.pq, "sq": segments.sq, "rq": segments.rq} | counts
 
 
 def measure_map(panoptic_map: PanopticMap, truth: SurfaceTruth) -> tuple[dict[str, Any], Comparison]:
