@@ -76,6 +76,44 @@ def test_an_object_that_is_seen_through_is_given_up() -> None:
     for fusion, left in ((present, 1), (gone, 0)):
         fusion.finish()
         assert balls(fusion) == left
+    # Its surface was carved away: it does not come back as unlabeled background.
+    assert not [s for s in gone.submaps() if s.descriptor is None and s.kind is not SubmapKind.FREESPACE]
+
+
+@pytest.mark.parametrize("unlabeled_before", [False, True])
+def test_what_was_named_too_seldom_stays_as_unlabeled_surface(*, unlabeled_before: bool) -> None:
+    fusion, floor = new_fusion(), 0 if unlabeled_before else 2
+    for n in range(3):
+        see(fusion, [BALL, FLOOR], NAMES, n, eye=RING[3], segments=[1, floor])
+    # Another ball, once and with a low score.
+    second = Sphere([0.9, 0, 0.4], 0.25)
+    see(fusion, [second, BALL, FLOOR], NAMES, 3, eye=RING[3], segments=[1, 0, floor], score=0.5)
+    tentative = [s for s in objects(fusion) if s.state is SubmapState.TENTATIVE]
+    assert len(tentative) == 1
+    fusion.finish()
+    assert not [s for s in objects(fusion) if s.state is SubmapState.TENTATIVE]
+    (rest,) = [s for s in fusion.submaps() if s.descriptor is None and s.kind is SubmapKind.BACKGROUND]
+    assert (rest.state, rest.voxel_size) == (SubmapState.CONFIRMED, fusion._config.unlabeled_voxel_size)
+    distance = np.linalg.norm(vertices(fusion, rest) - second.center, axis=1)
+    assert (np.abs(distance - second.radius) < 0.03).sum() > 50
+
+
+def test_a_surface_that_a_mask_leaked_onto_goes_back_to_whom_most_frames_saw_there() -> None:
+    fusion = new_fusion()
+    patch = Box([0.35, -0.2, -0.1], [0.7, 0.2, 0.001])
+
+    def ball() -> npt.NDArray[np.float32]:
+        (submap,) = [s for s in objects(fusion) if s.kind is SubmapKind.OBJECT]
+        return vertices(fusion, submap)
+
+    for n in range(6):
+        see(fusion, [BALL, patch, FLOOR], NAMES, n, eye=RING[0], segments=[1, 1 if n == 5 else 2, 2])
+    # A frame is enough where the ball's submap had no voxels before.
+    assert (ball()[:, 2] < 0.02).mean() > 0.1
+    fusion.finish()
+    at = ball()
+    assert (at[:, 2] < 0.02).mean() < 0.02
+    assert (np.abs(np.linalg.norm(at - BALL.center, axis=1) - BALL.radius) < 0.02).mean() > 0.95
 
 
 def test_a_confirmed_object_that_is_missed_becomes_inactive_and_wakes() -> None:

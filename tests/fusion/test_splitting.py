@@ -13,7 +13,7 @@ from tests.fusion.scenes import new_fusion, objects, see, settings, similarity, 
 from tests.map.scenes import checkpoint_of, submap_of
 from tests.scenes import Box, Plane
 from uppm.core.types import Submap, SubmapState
-from uppm.fusion import splitting
+from uppm.fusion import merging, splitting
 from uppm.fusion.engine import PanopticFusion
 from uppm.fusion.submaps import LiveSubmap
 from uppm.map.store import MapReader, MapWriter
@@ -105,15 +105,32 @@ def test_segments_that_fall_apart_another_way_each_time_split_nothing() -> None:
 def test_one_segment_over_both_merges_them_again_and_seeing_both_speaks_against() -> None:
     fusion = new_fusion(settings(merge_frames=3))
     assert run(fusion, [TWO] * 3) == [2] * 3
-    # Two frames with one segment, then one with two: still one short.
-    assert run(fusion, [ONE, ONE, TWO, ONE], first=3) == [2] * 4
-    assert run(fusion, [ONE], first=7) == [1]
+    # Two frames after the first showed them apart, and one more does: one segment over both must do so in three more.
+    assert run(fusion, [ONE, ONE, TWO, ONE, ONE], first=3) == [2] * 5
+    assert run(fusion, [ONE, ONE], first=15) == [2, 1]
     (both,) = boxes(fusion)
     assert both.descriptor is not None
-    assert sum(r.count for r in both.descriptor.labels) == 2 * 4 + 4
+    assert sum(r.count for r in both.descriptor.labels) == 2 * 4 + 6
     extent = vertices(fusion, both)
     assert extent[:, 0].min() < -0.38
     assert extent[:, 0].max() > 0.38
+
+
+def test_a_few_frames_with_one_segment_do_not_merge_what_many_showed_apart() -> None:
+    fusion = new_fusion(settings(merge_frames=3))
+    assert run(fusion, [TWO] * 8) == [2] * 8
+    assert run(fusion, [ONE] * 4, first=12) == [2] * 4
+    fusion.finish()
+    assert len(boxes(fusion)) == 2
+
+
+def test_what_was_counted_of_two_submaps_is_the_merged_ones() -> None:
+    one, two, three = live(), live(), live()
+    one.id, two.id, three.id = 1, 2, 3
+    assert merging.count_together(three, one, -2) == merging.together(one, three) == -2
+    assert merging.count_together(two, three, -3) == merging.together(three, two) == -3
+    merging.inherit(one, two, [one, three])
+    assert (one.companions, three.companions) == ({3: -5}, {})
 
 
 def test_background_is_not_split() -> None:

@@ -104,6 +104,10 @@ def test_volume_behaves_as_a_dict_of_dicts(steps: list) -> None:
     for name, blocks in truth.items():
         found = volume.gather(volume.indices(slots[name]))
         assert [tuple(c) for c in found.coords.tolist()] == sorted(blocks)
+        asked = np.array([*blocks, (71, 0, 0), (-71, 3, 9)], dtype=np.int32)
+        at = volume.find(slots[name], asked)
+        assert at[-2:].tolist() == [NONE, NONE]
+        np.testing.assert_array_equal(volume.pool.block_coord[at[:-2]], asked[:-2])
         for field in ("distance", "weight", "color", "belonging"):
             values = getattr(found, field).reshape(len(found), -1)
             np.testing.assert_array_equal(values, np.tile([[blocks[c]] for c in sorted(blocks)], values.shape[1]))

@@ -102,3 +102,10 @@ def find_block(keys, values, chunk_blocks, slot, bx, by, bz):
     if chunk == NONE:
         return NONE
     return chunk_blocks[chunk, local_index(bx, by, bz)]
+
+
+@nb.njit(cache=True)
+def find_blocks(keys, values, chunk_blocks, slot, coords, out):
+    """Write the pool index of each of a submap's blocks at coords (N, 3), or NONE, to out (N,)."""
+    for n in range(coords.shape[0]):
+        out[n] = find_block(keys, values, chunk_blocks, slot, coords[n, 0], coords[n, 1], coords[n, 2])

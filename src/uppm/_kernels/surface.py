@@ -41,15 +41,29 @@ def surface_points(blocks, block_coord, distance, weight, belonging, limit, size
 
 
 @nb.njit(cache=True)
-def disown(points, slot, keys, values, chunk_blocks, belonging, dirty, size):
-    """Let a submap's voxels at and around points (N, 3), frame submap, belong to another."""
+def most_seen(points, slot, keys, values, chunk_blocks, distance, weight, belonging, limit, size, seen):
+    """Raise seen (N,) to the times that a submap's surface was seen as its own at points (N, 3), frame submap."""
     for n in range(points.shape[0]):
         x = int(np.floor(points[n, 0] / size))
         y = int(np.floor(points[n, 1] / size))
         z = int(np.floor(points[n, 2] / size))
-        for i in range(x - 1, x + 2):
-            for j in range(y - 1, y + 2):
-                for k in range(z - 1, z + 2):
+        b = find_block(keys, values, chunk_blocks, slot, x >> 3, y >> 3, z >> 3)
+        if b != NONE:
+            i, j, k = x & 7, y & 7, z & 7
+            if on_surface(distance[b, i, j, k], weight[b, i, j, k], belonging[b, i, j, k], limit):
+                seen[n] = max(seen[n], belonging[b, i, j, k, 0])
+
+
+@nb.njit(cache=True)
+def disown(points, slot, keys, values, chunk_blocks, belonging, dirty, size, reach):
+    """Let a submap's voxels at points (N, 3), frame submap, and up to `reach` voxels around belong to another."""
+    for n in range(points.shape[0]):
+        x = int(np.floor(points[n, 0] / size))
+        y = int(np.floor(points[n, 1] / size))
+        z = int(np.floor(points[n, 2] / size))
+        for i in range(x - reach, x + reach + 1):
+            for j in range(y - reach, y + reach + 1):
+                for k in range(z - reach, z + reach + 1):
                     b = find_block(keys, values, chunk_blocks, slot, i >> 3, j >> 3, k >> 3)
                     if b != NONE:
                         belonging[b, i & 7, j & 7, k & 7, 0] = 0

@@ -261,7 +261,7 @@ class Submap:
     evidence: float
     """Accumulated detection score less negative evidence."""
     companions: tuple[tuple[int, int], ...] = ()
-    """(id, frames) of submaps that one segment covered together with this one, so far without merging."""
+    """(id, frames) of younger submaps: frames in which one segment covered both, less those that had one for each."""
     apart: int = 0
     """Frames in which two segments fell on separate parts of it, less those in which one covered both."""
     parts: npt.NDArray[np.int32] | None = None

@@ -103,6 +103,19 @@ class SubmapCollection:
         self._leave(submap)
         self._volume.remove(submap.slot)
 
+    def unlabel(self, submap: LiveSubmap, voxel_size: float, reason: str) -> None:
+        """Give a submap's surface to the background that no segment covers; what it was called is forgotten.
+
+        voxel_size: that background's, metres, should this be its first surface.
+        """
+        self.dropped[reason] += 1
+        submap.kind, submap.descriptor, submap.views, submap.evidence = SubmapKind.BACKGROUND, None, 0, 0.0
+        if self.rest is None:
+            self.rest, submap.state = submap, SubmapState.CONFIRMED
+            self.resize(submap, voxel_size)
+        else:
+            self._become_part(submap, self.rest)
+
     def resize(self, submap: LiveSubmap, voxel_size: float) -> None:
         """Resample a submap to another voxel size, metres."""
         truncation = voxel_size * self._truncation
@@ -114,18 +127,23 @@ class SubmapCollection:
 
     def merge(self, kept: LiveSubmap, other: LiveSubmap) -> LiveSubmap:
         """Make two submaps one; returns the kept one."""
-        merging.merge(kept, other, self._volume)
-        self._leave(other)
-        self.merged[other.id] = kept.id
-        self._bounds.pop(kept.id, None)
+        self._become_part(other, kept)
         self.dropped["duplicate submap merged"] += 1
         return kept
+
+    def _become_part(self, other: LiveSubmap, kept: LiveSubmap) -> None:
+        merging.merge(kept, other, self._volume)
+        self._leave(other)
+        merging.inherit(kept, other, self)
+        self.merged[other.id] = kept.id
+        self._bounds.pop(kept.id, None)
 
     def divide(self, submap: LiveSubmap, frame: int) -> None:
         """Make a submap's lesser part a submap of its own; what was said of the whole was said of both."""
         new = self._part(submap, frame, None)
         new.state, new.descriptor, new.evidence = submap.state, submap.descriptor, submap.evidence
         new.first_frame, new.views = submap.first_frame, submap.apart
+        merging.count_together(submap, new, -submap.apart)
         submap.forget_parts()
 
     def cede(self, submap: LiveSubmap, side: int, other: LiveSubmap, frame: int) -> None:

@@ -215,22 +215,18 @@ class PanopticFusion:
         return [s for s, (measured, through) in pairs if lifecycle.missed(s, measured, through, self._config)]
 
     def _merge_companions(self, tracks: Tracks, targets: npt.NDArray[np.intp]) -> None:
-        """Merge submaps that one segment covered together often enough."""
+        """Merge submaps that one segment covered together often enough, and count those that had one each."""
         if self._config.merge_frames is None:
             return
-        seen = {tracks.submaps[row].id for row in targets if row != tracking.NEW}
-        for submap in tracks.submaps:
-            if submap.id in seen:
-                merging.told_apart(submap, seen)
         allowed = np.isfinite(tracks.least)
+        for a, b in tracking.seen_apart(targets, allowed):
+            merging.count_together(tracks.submaps[a], tracks.submaps[b], -1)
         for a, b in tracking.covered_together(targets, tracks.overlap, tracks.observed, allowed):
             pair = [self._all.get(tracks.submaps[row].id) for row in (a, b)]
             if pair[0] is None or pair[1] is None:
                 continue
-            kept, other = merging.older(pair[0], pair[1])
-            kept.companions[other.id] = kept.companions.get(other.id, 0) + 1
-            if kept.companions[other.id] >= self._config.merge_frames:
-                self._all.merge(kept, other)
+            if merging.count_together(pair[0], pair[1], 1) >= self._config.merge_frames:
+                self._all.merge(*merging.older(pair[0], pair[1]))
 
     def _merge_deactivated(self, lost: Sequence[LiveSubmap]) -> None:
         """Merge submaps that became inactive with their duplicates, again and again."""
@@ -306,12 +302,19 @@ class PanopticFusion:
     def finish(self) -> None:
         """End the session: drop what was never confirmed or lost its surface, merge duplicates, return empty blocks."""
         for submap in [s for s in self._all if s.descriptor and not lifecycle.believed(s, self._config)]:
-            self._all.remove(submap.id, "submap with too little evidence at the end")
+            reason = "submap with too little evidence at the end"
+            if submap.state is SubmapState.TENTATIVE:
+                # Seen too seldom for what it was called, but measured; a confirmed one lost its evidence by going away.
+                self._all.unlabel(submap, self._config.unlabeled_voxel_size, reason)
+            else:
+                self._all.remove(submap.id, reason)
         if self._config.clean:
             self._drop_stray_parts()
         self._yield_unlabeled()
         for kept, other in merging.find_duplicates(self._all.by_id(), self._likeness):
             self._all.merge(kept, other)
+        if self._config.clean:
+            self._settle_contested()
         for submap in [s for s in self._all if s.kind is not SubmapKind.FREESPACE]:
             if submap.descriptor and len(self._volume.surface_points(submap.slot)) < self._config.min_surface:
                 self._all.remove(submap.id, "submap without a surface of its own")
@@ -325,6 +328,18 @@ class PanopticFusion:
             if submap.kind is SubmapKind.OBJECT and len(voxels):
                 stray = stray_parts(voxels[:, :3], voxels[:, 3], submap.voxel_size)
                 self._volume.disown(submap.slot, transform(submap.T_map_submap, voxels[stray, :3]))
+
+    def _settle_contested(self) -> None:
+        """A surface that several submaps hold is that one's which was seen there most often; ties stay as they are."""
+        labeled = [s for s in self._all if s.descriptor]
+        lost: list[tuple[int, npt.NDArray[np.float64]]] = []
+        for submap in labeled:
+            voxels = self._volume.surface_voxels(submap.slot)
+            points = transform(submap.T_map_submap, voxels[:, :3])
+            others = [s.slot for s in self._all.near(submap, [s for s in labeled if s is not submap])]
+            lost.append((submap.slot, points[self._volume.most_seen(others, points) > voxels[:, 3]]))
+        for slot, points in lost:
+            self._volume.disown(slot, points, reach=0)
 
     def _yield_unlabeled(self) -> None:
         """What was labeled in some frames only is no part of the unlabeled background."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import KDTree
 
+from uppm._kernels.hashing import NONE
 from uppm.core.config import FusionConfig
 from uppm.core.geometry import invert, transform
 from uppm.core.types import VOXELS_PER_SIDE, SubmapKind, SubmapState, VoxelBlocks
@@ -37,8 +38,8 @@ def merge(kept: LiveSubmap, other: LiveSubmap, volume: Volume) -> None:
     if other.voxel_size != kept.voxel_size or not np.allclose(T_other_kept, np.eye(4), atol=1e-9):
         sizes = other.voxel_size, other.truncation, kept.voxel_size, kept.truncation
         blocks = resample(blocks, *sizes, T_other_kept)
-    both = combine(volume.gather(volume.indices(kept.slot)), blocks)
-    volume.replace(kept.slot, kept.voxel_size, kept.truncation, both)
+    shared = volume.find(kept.slot, blocks.coords)
+    volume.put(kept.slot, combine(volume.gather(shared[shared != NONE]), blocks))
     volume.remove(other.slot)
     if kept.descriptor and other.descriptor:
         kept.descriptor = descriptors.merge(kept.descriptor, other.descriptor)
@@ -52,7 +53,6 @@ def merge(kept: LiveSubmap, other: LiveSubmap, volume: Volume) -> None:
     kept.last_frame = max(kept.last_frame, other.last_frame)
     kept.views += other.views
     kept.evidence += other.evidence
-    kept.companions.pop(other.id, None)
     kept.forget_parts()
 
 
@@ -62,12 +62,27 @@ def older(a: LiveSubmap, b: LiveSubmap) -> tuple[LiveSubmap, LiveSubmap]:
     return kept, other
 
 
-def told_apart(submap: LiveSubmap, seen: Set[int]) -> None:
-    """Both the submap and some of its companions had segments of their own: that speaks against merging them."""
-    for other in submap.companions.keys() & seen:
-        submap.companions[other] -= 1
-        if not submap.companions[other]:
-            del submap.companions[other]
+def count_together(a: LiveSubmap, b: LiveSubmap, frames: int) -> int:
+    """Count frames in which one segment covered both submaps; less than none where each had a segment of its own.
+
+    Returns the balance of all frames so far, which the older of the two keeps.
+    """
+    first, second = (a, b) if a.id < b.id else (b, a)
+    first.companions[second.id] = first.companions.get(second.id, 0) + frames
+    return first.companions[second.id]
+
+
+def together(a: LiveSubmap, b: LiveSubmap) -> int:
+    """Frames in which one segment covered both submaps, less those in which each had a segment of its own."""
+    return a.companions.get(b.id, 0) + b.companions.get(a.id, 0)
+
+
+def inherit(kept: LiveSubmap, other: LiveSubmap, submaps: Iterable[LiveSubmap]) -> None:
+    """What was counted of a submap and others is the kept one's now."""
+    for submap in submaps:
+        frames = submap.companions.pop(other.id, 0) + other.companions.get(submap.id, 0)
+        if frames and submap is not kept:
+            count_together(kept, submap, frames)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,6 +91,7 @@ class Likeness:
 
     `overlap`: enough of either's surface lies beside the other's, or both fill one box; the less their categories
     agree, the more is asked for. `agreement`: the test of Panoptic Multi-TSDFs, surface points looked up in voxels.
+    Two that frames showed apart are not one, `merge_frames` of them more than showed both under one segment.
     """
 
     volume: Volume
@@ -91,6 +107,9 @@ class Likeness:
         self, a: LiveSubmap, b: LiveSubmap, points_a: npt.NDArray[np.float64], points_b: npt.NDArray[np.float64]
     ) -> float:
         """0 where the two are not one; the greater, the likelier."""
+        frames = self.config.merge_frames
+        if frames is not None and together(a, b) <= -frames:
+            return 0.0
         least = self.policy.least_overlap([a.category_id], [b.category_id], self.config.merge_overlap)[0, 0]
         if self.config.merge_by == "agreement":
             if not np.isfinite(least):

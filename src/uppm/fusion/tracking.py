@@ -109,6 +109,17 @@ def join_contained(
     return np.where(joins, best, targets)
 
 
+def seen_apart(targets: npt.NDArray[np.intp], allowed: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Pairs of submaps (rows) that had a segment each in one frame, and whose categories go together.
+
+    allowed (S, E): whether a submap's category goes with a segment's.
+    """
+    segments = np.flatnonzero(targets != NEW)
+    rows = targets[segments]
+    together = allowed[np.ix_(rows, segments)]
+    return [(int(rows[a]), int(rows[b])) for a, b in np.argwhere(np.triu(together, 1)) if rows[a] != rows[b]]
+
+
 def covered_together(
     targets: npt.NDArray[np.intp],
     overlap: npt.NDArray[np.int64],

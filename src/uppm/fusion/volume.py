@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,9 +11,9 @@ import numpy.typing as npt
 from uppm._kernels import allocate as _allocate
 from uppm._kernels import associate as _associate
 from uppm._kernels.camera import PARTS
-from uppm._kernels.hashing import BLOCKS_PER_CHUNK, NONE, SLOT_LIMIT
+from uppm._kernels.hashing import BLOCKS_PER_CHUNK, NONE, SLOT_LIMIT, find_blocks
 from uppm._kernels.integrate import holds_surface, integrate
-from uppm._kernels.surface import FULL, disown, surface_points
+from uppm._kernels.surface import FULL, disown, most_seen, surface_points
 from uppm._kernels.visible import MAX_CANDIDATES, blocks_to_update, visible_blocks
 from uppm.core.errors import UppmError
 from uppm.core.geometry import invert, transform
@@ -298,10 +299,20 @@ class Volume:
             surface_points(*arrays, float(self._voxel_size[slot]), out)
         return out[:n]
 
-    def disown(self, slot: int, points: npt.NDArray[np.float64]) -> None:
-        """Let a submap's surface at and around points (N, 3), frame map, belong to another."""
+    def most_seen(self, slots: Iterable[int], points: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:
+        """The most times (N,) that one of these submaps was seen as the surface at points (N, 3), frame map."""
+        p, seen = self.pool, np.zeros(len(points), dtype=np.int64)
+        for slot in slots:
+            local, size = transform(invert(self._T_map_submap[slot]), points), float(self._voxel_size[slot])
+            arrays = p.keys, p.values, p.chunk_blocks, p.distance, p.weight, p.belonging
+            most_seen(local, slot, *arrays, self._limit(slot, 1.0), size, seen)
+        return seen
+
+    def disown(self, slot: int, points: npt.NDArray[np.float64], reach: int = 1) -> None:
+        """Let a submap's surface at points (N, 3), frame map, and `reach` voxels around them, belong to another."""
         p, local = self.pool, transform(invert(self._T_map_submap[slot]), points)
-        disown(local, slot, p.keys, p.values, p.chunk_blocks, p.belonging, p.dirty, float(self._voxel_size[slot]))
+        size = float(self._voxel_size[slot])
+        disown(local, slot, p.keys, p.values, p.chunk_blocks, p.belonging, p.dirty, size, reach)
 
     def _limit(self, slot: int, voxels: float) -> int:
         """A distance in voxels in the fixed point of a submap's distances."""
@@ -333,9 +344,10 @@ class Volume:
             p.has_surface[b] = holds_surface(p.distance[b], p.weight[b], p.belonging[b], one_voxel)
 
     def find(self, slot: int, coords: npt.NDArray[np.int32]) -> Indices:
-        """Pool indices of a submap's blocks at coordinates (N, 3), all of which exist."""
-        blocks = self.indices(slot)
-        return blocks[_positions(self.pool.block_coord[blocks], coords)]
+        """Pool indices (N,) of a submap's blocks at coordinates (N, 3); NONE where there is none."""
+        p, out = self.pool, np.empty(len(coords), dtype=np.int32)
+        find_blocks(p.keys, p.values, p.chunk_blocks, slot, coords, out)
+        return out
 
     def drop(self, slot: int, blocks: Indices) -> None:
         """Return blocks of a submap to the pool."""
@@ -377,14 +389,3 @@ class Volume:
         blocks = self.take_written(slot, SAVED)
         pruned = self._pruned.pop(slot, [])
         return self.gather(blocks), np.concatenate(pruned) if pruned else np.empty((0, 3), dtype=np.int32)
-
-
-def _positions(rows: npt.NDArray[np.int32], wanted: npt.NDArray[np.int32]) -> npt.NDArray[np.intp]:
-    """Index of each wanted row (M, 3) among sorted unique rows (N, 3)."""
-    span = np.int64(1) << 21
-
-    def pack(c: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
-        c64 = c.astype(np.int64) + (span >> 1)
-        return (c64[:, 0] * span + c64[:, 1]) * span + c64[:, 2]
-
-    return np.searchsorted(pack(rows), pack(wanted))
