@@ -7,7 +7,7 @@ from uppm.core.errors import UppmError
 from uppm.perception.models import store
 from uppm.perception.models.files import offline
 from uppm.perception.models.table import MPNET, model_spec, with_needs
-from uppm.perception.registry import create_labeler, create_segmenter, models_of
+from uppm.perception.registry import create_labeler, create_segmenter, model_of, models_of
 from uppm.perception.retrieval.weights import unpack_wheels
 
 KNOWN_WORDS = ("none", "simulated")
@@ -16,8 +16,10 @@ KNOWN_WORDS = ("none", "simulated")
 
 def needed_models(config: PerceptionConfig) -> list[str]:
     """Names of the models (`uppm models list`) of a configuration's back ends, and of the embedder of new labels."""
-    known = config.captioner in KNOWN_WORDS or (config.captioner == "vocabulary" and config.tag_list is None)
-    return with_needs([*models_of(config), *([] if known else [MPNET])])
+    own_tags = config.tag_list is not None
+    known = config.captioner in KNOWN_WORDS or (config.captioner == "vocabulary" and not own_tags)
+    described = [model_of("ram_plus_tags", None)] if config.captioner == "ram_plus" and own_tags else []
+    return with_needs([*models_of(config), *described, *([] if known else [MPNET])])
 
 
 def provide(config: PerceptionConfig) -> None:

@@ -13,6 +13,8 @@ import pytest
 from tests.perception.models.conftest import NAME
 from uppm.core.config import PerceptionConfig
 from uppm.core.errors import ConfigError, InputError, MissingExtraError, UppmError
+from uppm.perception.fakes import fake_frame
+from uppm.perception.models.files import LOCK
 from uppm.perception.models.network import COMMAND, Loaded, Network, Weights, import_torch
 from uppm.perception.models.store import RANDOM_MARKER
 
@@ -160,6 +162,27 @@ def test_keys_that_do_not_fit_are_named(models: Path) -> None:
         weights.check_keys(linear, state)
     assert caught.value.found == "keys: 1 missing (bias); 1 unexpected (gamma); 1 mismatched (weight)"
     assert caught.value.source == str(models / NAME / "model.safetensors")
+
+
+def test_files_that_cannot_be_read_are_one_line(models: Path) -> None:
+    """Cut short, not JSON, or gone: put there by hand, so that nothing is known of them beforehand."""
+    transformers = pytest.importorskip("transformers", reason=f"transformers is not installed: {COMMAND}")
+    from uppm.perception.segmentation.sam import Sam
+
+    folder = models / NAME
+    (folder / RANDOM_MARKER).unlink()
+    transformers.SamImageProcessorPil().save_pretrained(folder)
+    transformers.SamConfig().save_pretrained(folder)
+    frame, box = fake_frame(), np.array([[0, 0, 9, 9]], dtype=np.float32)
+    for name, content in (("model.safetensors", b"w8ights"), ("config.json", b"{"), ("preprocessor_config.json", None)):
+        file = folder / name
+        before = file.read_bytes() if file.exists() else b""
+        file.write_bytes(content) if content else file.unlink()
+        (folder / LOCK).unlink(missing_ok=True)
+        with pytest.raises(InputError, match=rf"^{folder}: expected the files of {NAME} as the hub has them") as caught:
+            Sam(PerceptionConfig(masks="sam", masks_model=NAME)).masks(frame, box)
+        assert "\n" not in str(caught.value)
+        file.write_bytes(before or b"w8ights")
 
 
 def test_without_torch_the_command_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -40,6 +40,7 @@ def no_wheels(machine: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         ({"profile": "foundation"}, list(PAPER)),
         ({"profile": "foundation-light"}, ["owlvit-base-patch32", "sam2.1-hiera-tiny"]),
         ({"profile": "foundation-light", "tag_list": "own.txt"}, ["owlvit-base-patch32", "sam2.1-hiera-tiny", MPNET]),
+        ({"captioner": "ram_plus", "tag_list": "own.txt"}, ["ram-plus-swin-l", "clip-vit-base-patch16", MPNET]),
         ({"profile": "mask2former", "visual_feature": "siglip"}, ["mask2former-swin-large", "siglip-base"]),
         ({"detector": "mine", "detector_model": "my own"}, []),
     ],

@@ -22,8 +22,9 @@ def embed_descriptions(descriptions: Sequence[Sequence[str]]) -> npt.NDArray[np.
     from transformers import CLIPTextModelWithProjection, CLIPTokenizerFast  # pyright: ignore[reportAttributeAccessIssue]
 
     weights = Weights(name=CLIP, folder=model_folder(CLIP))
-    encoder: Any = weights.pretrained(CLIPTextModelWithProjection).eval()
-    tokenizer = CLIPTokenizerFast.from_pretrained(weights.folder, local_files_only=True)
+    with weights.reading():
+        encoder: Any = weights.pretrained(CLIPTextModelWithProjection).eval()
+        tokenizer = CLIPTokenizerFast.from_pretrained(weights.folder, local_files_only=True)
     rows: list[npt.NDArray[np.float32]] = []
     with torch.inference_mode():
         for texts in descriptions:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import gc
 import json
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
@@ -77,15 +78,25 @@ class Weights:
         if self.random is not None:
             torch.manual_seed(self.random)
             return kind(config)
-        try:
-            model, info = kind.from_pretrained(
-                self.folder, config=config, local_files_only=True, output_loading_info=True
-            )
-        except (OSError, ValueError, RuntimeError) as error:
-            found, advice = str(error).strip().splitlines()[0], f"run `uppm models verify {self.name}`"
-            raise InputError(self.file, expected=f"weights of {self.name}", found=found, advice=advice) from None
+        model, info = kind.from_pretrained(self.folder, config=config, local_files_only=True, output_loading_info=True)
         self._refuse(missing=info["missing_keys"], mismatched=[key for key, *_ in info.get("mismatched_keys", ())])
         return model
+
+    @contextmanager
+    def reading(self) -> Generator[None]:
+        """Inside, a file that is missing or cannot be read is one line that names the folder: raises InputError."""
+        from safetensors import SafetensorError
+
+        try:
+            yield
+        except (UppmError, import_torch().OutOfMemoryError):
+            raise
+        except (OSError, ValueError, RuntimeError, SafetensorError) as error:
+            said = str(error).strip().splitlines()
+            found = f"{type(error).__name__}: {said[0] if said else 'no reason given'}"
+            advice = f"delete the folder and run `uppm models download {self.name}`"
+            expected = f"the files of {self.name} as the hub has them"
+            raise InputError(self.folder, expected=expected, found=found, advice=advice) from None
 
     def check_keys(self, module: torch.nn.Module, state: dict[str, torch.Tensor]) -> None:
         """Raise InputError with the keys unless tensors have exactly a module's names and shapes."""
@@ -183,7 +194,8 @@ class Network(Generic[H]):
         if weights.random is not None:
             warnings.warn(f"the weights of {self._name} are random", stacklevel=2)
         self._torch.set_num_threads(self._config.threads)
-        module, helper = self._load(weights)
+        with weights.reading():
+            module, helper = self._load(weights)
         dtype = self._dtype()
         module = module.eval().requires_grad_(False).to(self._device, dtype)
         if self._device.type == "cuda":
