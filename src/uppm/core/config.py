@@ -156,7 +156,7 @@ class PerceptionConfig(Section):
     precision: Literal["auto", "float32", "float16", "bfloat16"] = "auto"
     """Of the torch back ends; auto: float16 on cuda, else float32."""
     compile: bool = False
-    """`torch.compile` the torch back ends: minutes at the first frame, faster ones after it."""
+    """`torch.compile` the torch back ends: a minute or more at the first frame; made for a GPU."""
     detector_score: float | None = Field(default=None, ge=0, le=1)
     """Least score of a detection; None: the detector's own (nanodet 0.4, grounding_dino 0.35, owlvit 0.1 ...)."""
     text_score: float = Field(default=0.25, ge=0, le=1)
