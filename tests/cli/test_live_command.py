@@ -195,6 +195,7 @@ class StandInPipeline:
 def stand_in_config() -> SimpleNamespace:
     made = SimpleNamespace(file=None, enable_stream=lambda *what: None)
     made.enable_device_from_file = lambda file, repeat: setattr(made, "file", file)
+    made.resolve = lambda pipeline: pipeline.start(made)
     return made
 
 
@@ -204,6 +205,7 @@ def realsense(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch,
         "pyrealsense2",
         pipeline=StandInPipeline,
+        pipeline_wrapper=lambda pipeline: pipeline,
         config=stand_in_config,
         align=lambda to: SimpleNamespace(process=lambda frames: frames),
         stream=SimpleNamespace(color="color", depth="depth"),

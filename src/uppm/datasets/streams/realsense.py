@@ -49,6 +49,9 @@ class RealSenseStream:
         try:
             if recording:
                 config.enable_device_from_file(str(recording), False)
+                # Before it starts: what a recording plays in its own time is dropped where nobody takes it at once.
+                played = config.resolve(rs.pipeline_wrapper(self._pipeline)).get_device()
+                played.as_playback().set_real_time(False)
             else:
                 config.enable_stream(rs.stream.color, *SIZE, rs.format.rgb8, RATE)
                 config.enable_stream(rs.stream.depth, *SIZE, rs.format.z16, RATE)
@@ -56,8 +59,6 @@ class RealSenseStream:
         except RuntimeError as error:
             where, advice = str(recording or "RealSense"), "see whether realsense-viewer shows both"
             raise InputError(where, expected="colour and depth", found=str(error), advice=advice) from None
-        if recording:
-            device.as_playback().set_real_time(False)
         self._align = rs.align(rs.stream.color)
         self._scale = np.float32(device.first_depth_sensor().get_depth_scale())
 
