@@ -76,7 +76,8 @@ def test_a_table_of_map_and_mesh(map_file: Path, truth: Path, tmp_path: Path) ->
     arguments = ["map", *paths, "--ground-truth", str(truth), "--points-per-m2", "400"]
     shown = CliRunner().invoke(evaluate_app, [*arguments])
     assert shown.exit_code == 0, shown.output
-    assert "pq_3d" in shown.stdout
+    # However narrow the terminal, the metrics' names are whole.
+    assert all(f"│ {name} " in shown.stdout for name in ("pq_3d", "accuracy_along_normal_cm", "ground_truth_points"))
     listed = json.loads(CliRunner().invoke(evaluate_app, [*arguments, "--json"]).stdout)
     # One surface, sampled twice.
     assert listed[0]["accuracy_cm"] == pytest.approx(listed[1]["accuracy_cm"], rel=0.02)

@@ -37,7 +37,10 @@ def _print_table(report: Report) -> None:
     from uppm.evaluation.html import shown
     from uppm.regimes.report import rows
 
-    table = Table("", *map(escape, report.results), title=escape(report.title), title_justify="left")
+    table = Table(title=escape(report.title), title_justify="left")
+    table.add_column("", no_wrap=True)
+    for method in report.results:
+        table.add_column(escape(method), overflow="fold")
     for row in rows(report.results):
         table.add_row(*(escape(shown(cell)) for cell in row))
     console = Console()

@@ -129,5 +129,7 @@ def _merged(table: npt.NDArray[np.int64], keys: Sequence[int | str]) -> tuple[np
 
 
 def _lookup(ids: npt.NDArray[np.integer], of: Mapping[int, int], default: int) -> npt.NDArray[np.int64]:
-    values, inverse = np.unique(ids, return_inverse=True)
-    return np.array([of.get(int(v), default) for v in values], dtype=np.int64)[inverse]
+    keys = np.array(sorted(of), dtype=np.int64)
+    values = np.array([*(of[int(key)] for key in keys), default], dtype=np.int64)
+    place = np.searchsorted(keys, ids)
+    return values[np.where(np.append(keys, ids.max(initial=0) + 1)[place] == ids, place, len(keys))]

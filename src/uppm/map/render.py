@@ -88,10 +88,17 @@ def choose_view(bounds: npt.NDArray[np.floating], up: Vector = Z_UP) -> View:
     return look_along(direction, up, field_of_view=np.deg2rad(38))
 
 
-def render(mesh: Mesh, view: View, *, width: int = 1600, height: int = 1000) -> Picture:
-    """The mesh seen along a view, fitted into the picture; faces seen from behind are not drawn."""
+def render(
+    mesh: Mesh, view: View, *, width: int = 1600, height: int = 1000, fit: npt.NDArray[np.floating] | None = None
+) -> Picture:
+    """The mesh seen along a view; faces seen from behind are not drawn.
+
+    Parameters
+    ----------
+    fit : (N, 3), frame map, what is to fit into the picture; None: the mesh.
+    """
     w, h = width * _SUPERSAMPLING, height * _SUPERSAMPLING
-    projection = _fitted(mesh.vertices.astype(np.float64), view, w, h)
+    projection = _fitted((mesh.vertices if fit is None else fit).astype(np.float64), view, w, h)
     screen = projection.screen(mesh.vertices.astype(np.float64))
     values = np.concatenate([mesh.colors.astype(np.float32), mesh.normals], axis=1)
     face, nearness, pixels = raster.rasterize(screen, mesh.faces, values, h, w)

@@ -45,7 +45,7 @@ def draw_errors(comparison: Comparison) -> ErrorPictures:
     missed = merged([ghost, splats(truth.points[lost], drawing.view, MISSED)])
     return ErrorPictures(
         distance=drawing.colored(distance_colors(drawing.distance)),
-        missed=render(missed, drawing.view, width=WIDTH, height=HEIGHT).image,
+        missed=drawing.seen(missed),
         instances=_instances(comparison, drawing) if comparison.reconstruction.is_told_apart else None,
     )
 
@@ -67,6 +67,8 @@ class _Drawing:
     nearest: npt.NDArray[np.intp]
     """(V,) which one that is."""
     view: View
+    fit: npt.NDArray[np.float64]
+    """(N, 3), frame map: what is to be in every picture, reconstructed and true."""
 
     @classmethod
     def of(cls, comparison: Comparison) -> _Drawing:
@@ -76,11 +78,16 @@ class _Drawing:
         distance, index = comparison.truth.index.nearest(mesh.vertices.astype(np.float64))
         view = choose_view(np.stack([points.min(axis=0), points.max(axis=0)]), up_of(comparison.truth))
         part = np.repeat([part.id for part in parts], [len(mesh.vertices) for mesh in meshes])
-        return cls(mesh=mesh, part=part, distance=distance, nearest=index, view=view)
+        fit = np.concatenate([mesh.vertices.astype(np.float64), points])
+        return cls(mesh=mesh, part=part, distance=distance, nearest=index, view=view, fit=fit)
 
     def colored(self, colors: Image) -> Image:
         """A picture with a colour for each vertex."""
-        return render(replace(self.mesh, colors=colors), self.view, width=WIDTH, height=HEIGHT).image
+        return self.seen(replace(self.mesh, colors=colors))
+
+    def seen(self, mesh: Mesh) -> Image:
+        """A mesh from the place that all pictures are taken from."""
+        return render(mesh, self.view, width=WIDTH, height=HEIGHT, fit=self.fit).image
 
 
 def _instances(comparison: Comparison, drawing: _Drawing) -> Image:
