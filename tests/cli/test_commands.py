@@ -190,7 +190,7 @@ def test_export(uppm: Uppm, map_file: Path, tmp_path: Path) -> None:
     assert (done.code, done.err) == (0, "")
     written = [Path(line) for line in done.out.splitlines()]
     assert {p.name for p in written} >= {"a.ply", "a.json", "a.png"}
-    assert len(list((tmp_path / "objects").iterdir())) == 2
+    assert len(list((tmp_path / "objects").glob("*.ply"))) == 2
     assert all(p.stat().st_size > 100 for p in written)
 
 

@@ -60,6 +60,7 @@ def export(
 def _write_meshes(panoptic: PanopticMap, mesh: Path | None, objects: Path | None, coloring: str) -> list[Path]:
     if not (mesh or objects):
         return []
+    from uppm.export.files import write_json
     from uppm.export.meshes import write_objects
 
     written = []
@@ -68,6 +69,8 @@ def _write_meshes(panoptic: PanopticMap, mesh: Path | None, objects: Path | None
         written.append(mesh)
     if objects:
         written += write_objects(objects, _meshes(panoptic, panoptic.objects, coloring))
+        written.append(objects / "boxes.json")
+        write_json(written[-1], _boxes(panoptic))
     return written
 
 
