@@ -94,7 +94,7 @@ def test_each_object_is_in_its_box(exported: Exported) -> None:
     boxes = {box["id"]: box for box in json.loads((exported.folder / "room.json").read_text())["boxes"]}
     files = {int(file.name.split("_")[0]): file for file in (exported.folder / "objects").glob("*.ply")}
     beside = json.loads((exported.folder / "objects" / "boxes.json").read_text())
-    assert {box["id"]: box for box in beside} == boxes
+    assert {box["id"]: box for box in beside["boxes"]} == boxes
     assert set(boxes) == set(files) == {submap.id for submap in exported.panoptic.objects}
     for id_, file in files.items():
         mesh, box = trimesh.load_mesh(file, process=False), boxes[id_]

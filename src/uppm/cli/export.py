@@ -70,7 +70,7 @@ def _write_meshes(panoptic: PanopticMap, mesh: Path | None, objects: Path | None
     if objects:
         written += write_objects(objects, _meshes(panoptic, panoptic.objects, coloring))
         written.append(objects / "boxes.json")
-        write_json(written[-1], _boxes(panoptic))
+        write_json(written[-1], {"boxes": _boxes(panoptic)})
     return written
 
 
