@@ -138,6 +138,34 @@ class Images(HTMLParser):
         self.sources += [value or "" for name, value in attrs if name in ("src", "href")]
 
 
+def sections_and_pictures(out: Path) -> tuple[list[str], int, int]:
+    """Headings, SVG plots and PNG pictures of a report, all of which lie in the file."""
+    text = (out / "report.html").read_text()
+    page = Images()
+    page.feed(text)
+    assert all(source.startswith("data:image/") for source in page.sources)
+    assert json.loads((out / "report.json").read_text())["results"]
+    return re.findall("<h2>(.*?)</h2>", text), text.count("image/svg"), text.count("image/png")
+
+
+def test_reports_of_the_other_regimes_have_plots_and_pictures(room: Path, map_file: Path, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib", reason="needs `pip install uppm[eval]`")
+    frames, asked, labels = tmp_path / "frames", tmp_path / "asked", tmp_path / "labels"
+    assert run("segmentation", room, "--perception", "groundtruth", "-o", frames).exit_code == 0
+    headings, plots, pictures = sections_and_pictures(frames)
+    assert headings == ["Figures", "Panoptic quality by class", "Where groundtruth is wrong"]
+    assert (plots, pictures) == (1, len(list(frames.glob("groundtruth_frame_*.png"))))
+    assert pictures > 0
+    prompts = tmp_path / "prompts.tsv"
+    prompts.write_text("prompt\tobjects\nball\tsports ball\nbicycle\t\n")
+    assert run("query", map_file, "--prompts", prompts, "-o", asked).exit_code == 0
+    assert sections_and_pictures(asked) == (["Figures", "What was found", "Probabilities", "Answers"], 1, 1)
+    words = tmp_path / "labels.tsv"
+    words.write_text("label\tcategories\norange\torange\nchair\tbanana\n")
+    assert "chair: chair, not banana" in run("retrieval", words, "-o", labels).stdout
+    assert sections_and_pictures(labels) == (["Figures", "By supercategory", "Misses"], 1, 0)
+
+
 def test_report(room: Path, map_file: Path, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib", reason="needs `pip install uppm[eval]`")
     mesh = uppm.open_map(map_file).mesh()

@@ -165,7 +165,7 @@ def test_a_study_measures_what_the_commands_measure(tmp_path: Path) -> None:
     # Segments' classes are unified in both; the map's voxels were written and read again in one of them.
     for key in ("accuracy_cm", "completeness_cm", "pq_3d", "map_50", "miou", "object_count_ratio", "frames"):
         assert found[key] == alone[key]
-    segments = evaluate_segmenter(source, load_instances(DEMO), config)
+    segments, _ = evaluate_segmenter(source, load_instances(DEMO), config)
     assert [found[key] for key in ("pq", "sq", "rq")] == [segments[key] for key in ("pq", "sq", "rq")]
 
 

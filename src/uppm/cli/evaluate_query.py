@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from uppm.evaluation.language import PromptOutcome
     from uppm.evaluation.prompts import Prompt, Wanted
     from uppm.map.panoptic_map import PanopticMap
+    from uppm.regimes.report import Report
 
 
 def evaluate_query_command(
@@ -21,7 +26,6 @@ def evaluate_query_command(
 ) -> None:
     """Top-1, recall and 'nothing here matches' over prompts for what is there and what is not."""
     from uppm.cli.evaluate_output import show
-    from uppm.evaluation import html
     from uppm.evaluation.prompts import read_prompts
     from uppm.pipeline import open_map
     from uppm.regimes.query import ask, query_result
@@ -31,12 +35,37 @@ def evaluate_query_command(
     if output:
         make_folder(output)
     wanted = _wanted(path, panoptic_map, asked, prompts, ground_truth)
-    result = query_result(ask(panoptic_map, asked, wanted))
-    headings = ["prompt", "objects", "answers", "probability", "right"]
-    rows = [[a["prompt"], a["objects"], a["answers"], a["probability"], a["right"]] for a in result["answers"]]
-    section = html.Section(title="Answers", body=html.table(headings, rows))
-    report = Report(regime="query", title=f"Prompts of {prompts.name}", results={path.stem: result}, sections=[section])
+    outcomes = ask(panoptic_map, asked, wanted)
+    results, title = {path.stem: query_result(outcomes)}, f"Prompts of {prompts.name}"
+    report = Report(regime="query", title=title, results=results)
+    if output:
+        report = _with_pictures(report, path.stem, panoptic_map, outcomes)
     show(report, output, as_json=as_json)
+
+
+def _with_pictures(report: Report, name: str, panoptic_map: PanopticMap, outcomes: Sequence[PromptOutcome]) -> Report:
+    from uppm.evaluation import html, plots
+    from uppm.regimes.query import Found, draw_answers
+    from uppm.regimes.report import ReportPicture
+
+    headings = ["prompt", "objects", "answers", "probability", "right"]
+    answers = report.results[name]["answers"]
+    said = ({**answer, "answers": ", ".join(map(str, answer["answers"]))} for answer in answers)
+    table = html.table(headings, [[answer[heading] for heading in headings] for answer in said], text=3)
+    plot = plots.answer_probabilities(
+        [o.probability for o in outcomes if not o.is_absent], [o.probability for o in outcomes if o.is_absent]
+    )
+    caption = "The further apart the two, the better 'nothing here matches' can be told."
+    legend = html.legend((found.value, found.meaning) for found in Found)
+    picture = ReportPicture(file=f"{name}_answers.png", image=draw_answers(panoptic_map, outcomes), caption=legend)
+    return replace(
+        report,
+        pictures={"What was found": [picture]},
+        sections=[
+            html.Section(title="Probabilities", body=html.image(plot, "image/svg+xml", caption)),
+            html.Section(title="Answers", body=table),
+        ],
+    )
 
 
 def _wanted(

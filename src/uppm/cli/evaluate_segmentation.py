@@ -20,16 +20,16 @@ def evaluate_segmentation_command(
     from uppm.cli.evaluate_output import front_ends, show
     from uppm.datasets.registry import open_sequence
     from uppm.evaluation.ground_truth import load_instances
-    from uppm.regimes.report import Report, make_folder
+    from uppm.regimes.report import Report, frame_pictures, make_folder
     from uppm.regimes.segmentation import evaluate_segmenter
 
     settings = front_ends(perception, config, set_ or [])
     if output:
         make_folder(output)
     instances = load_instances(sequence)
-    results = {
-        name: evaluate_segmenter(open_sequence(sequence, chosen.input), instances, chosen)
-        for name, chosen in settings.items()
-    }
+    results, pictures = {}, {}
+    for name, chosen in settings.items():
+        results[name], drawn = evaluate_segmenter(open_sequence(sequence, chosen.input), instances, chosen)
+        pictures[f"Where {name} is wrong"] = frame_pictures(name, drawn)
     title = f"Segmentation-to-Segmentation: {sequence.resolve().name}"
-    show(Report(regime="segmentation", title=title, results=results), output, as_json=as_json)
+    show(Report(regime="segmentation", title=title, results=results, pictures=pictures), output, as_json=as_json)

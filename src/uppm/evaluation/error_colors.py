@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from enum import Enum
 
 import numpy as np
 import numpy.typing as npt
 
 from uppm.evaluation.geometry import THRESHOLD
-from uppm.evaluation.ground_truth import SurfaceTruth
-from uppm.evaluation.sampling import SurfacePart
+from uppm.evaluation.ground_truth import TruthInstance
 
 Colors = npt.NDArray[np.uint8]
 
@@ -51,40 +50,41 @@ def distance_colors(distances: npt.NDArray[np.floating], limit: float = THRESHOL
 
 
 def instance_colors(
-    parts: Sequence[SurfacePart],
+    categories: Mapping[int, str | None],
     part: npt.NDArray[np.integer],
     instance: npt.NDArray[np.integer],
     owners: Mapping[int, int],
-    truth: SurfaceTruth,
+    instances: Mapping[int, TruthInstance],
 ) -> npt.NDArray[np.uint8]:
-    """(N, 3) RGB: the colour of what is right or wrong with each of N points.
+    """(N, 3) RGB: the colour of what is right or wrong with each of N points or pixels.
 
     Parameters
     ----------
+    categories : part (submap or segment) id -> its category, None without one.
     part : (N,) id of the part that each point is of.
     instance : (N,) true instance of each, 0 where none is near.
     owners : part id -> the instance that it mainly is, or 0 (`instances.main_instances`).
+    instances : the true ones.
     """
-    by_id = {p.id: p for p in parts}
     pairs, inverse = np.unique(np.stack([part, instance]), axis=1, return_inverse=True)
-    colors = [_error(by_id[int(p)], int(i), owners, truth).value for p, i in pairs.T]
+    colors = [
+        _error(categories[int(p)], owners.get(int(p), 0), instances.get(int(i)), instances).value for p, i in pairs.T
+    ]
     return np.array(colors, dtype=np.uint8).reshape(-1, 3)[inverse.ravel()]
 
 
-def _error(part: SurfacePart, instance: int, owners: Mapping[int, int], truth: SurfaceTruth) -> InstanceError:
-    if part.category is None:
+def _error(
+    category: str | None, owner: int, instance: TruthInstance | None, instances: Mapping[int, TruthInstance]
+) -> InstanceError:
+    if category is None:
         return InstanceError.UNLABELED
-    if instance == 0:
+    if instance is None:
         return InstanceError.NO_TRUTH
-    owner = owners.get(part.id, 0)
     # Stuff is one segment a class, so a floor in two rooms is no other's.
-    same = owner <= 0 or owner == instance or _one_stuff(truth, owner, instance)
-    if not same:
+    if not (owner <= 0 or owner == instance.id or _one_stuff(instances[owner], instance)):
         return InstanceError.FOREIGN
-    right = part.category in truth.instances[instance].categories
-    return InstanceError.RIGHT if right else InstanceError.MISNAMED
+    return InstanceError.RIGHT if category in instance.categories else InstanceError.MISNAMED
 
 
-def _one_stuff(truth: SurfaceTruth, a: int, b: int) -> bool:
-    first, second = truth.instances[a], truth.instances[b]
-    return not first.is_thing and not second.is_thing and first.categories[0] == second.categories[0]
+def _one_stuff(a: TruthInstance, b: TruthInstance) -> bool:
+    return not a.is_thing and not b.is_thing and a.categories[0] == b.categories[0]

@@ -20,12 +20,13 @@ body { font: 15px/1.5 system-ui, sans-serif; color: #1d2530; max-width: 1100px; 
 h1 { font-size: 1.5rem; } h2 { font-size: 1.15rem; margin-top: 2.2rem; border-bottom: 1px solid #d8dde4; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 th, td { padding: .15rem .8rem .15rem 0; text-align: right; vertical-align: top; }
-th:first-child, td:first-child { text-align: left; }
+th:first-child, td:first-child, .text { text-align: left; }
 thead th { border-bottom: 1px solid #8893a3; } tbody tr:hover { background: #f3f5f8; }
 .wide { overflow-x: auto; }
 figure { margin: 1rem 0; } figure img { max-width: 100%; } figcaption { color: #56606e; font-size: .9rem; }
 .note { background: #fff6dd; border-left: 4px solid #e0b13a; padding: .4rem .8rem; }
-.key { display: inline-block; width: .9em; height: .9em; margin: 0 .35em 0 .9em; vertical-align: -.1em; }
+.entry { white-space: nowrap; margin-right: .9em; }
+.key { display: inline-block; width: .9em; height: .9em; margin-right: .35em; vertical-align: -.1em; }
 </style>
 </head>
 <body>
@@ -51,12 +52,20 @@ def page(title: str, sections: Iterable[Section]) -> str:
     return _PAGE.substitute(title=escape(title), body=body)
 
 
-def table(headings: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """A table; the first column is text, the others numbers."""
-    head = "".join(f"<th>{escape(h)}</th>" for h in headings)
-    lines = ("<tr>" + "".join(f"<td>{escape(shown(cell))}</td>" for cell in row) + "</tr>" for row in rows)
+def table(headings: Sequence[str], rows: Iterable[Sequence[Any]], text: int = 1) -> str:
+    """A table; the first column, or as many as `text` says, are text, the others numbers."""
+    head = "".join(f"<th{_side(n, text)}>{escape(h)}</th>" for n, h in enumerate(headings))
+    lines = ("<tr>" + "".join(_cell(cell, _side(n, text)) for n, cell in enumerate(row)) + "</tr>" for row in rows)
     body = "\n".join(lines)
     return f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>\n{body}\n</tbody></table></div>'
+
+
+def _side(column: int, text: int) -> str:
+    return ' class="text"' if 0 < column < text else ""
+
+
+def _cell(value: Any, side: str) -> str:
+    return f"<td{side}>{escape(shown(value))}</td>"
 
 
 def image(data: bytes, kind: str, caption: str) -> str:
@@ -67,7 +76,10 @@ def image(data: bytes, kind: str, caption: str) -> str:
 
 def legend(entries: Iterable[tuple[tuple[int, int, int], str]]) -> str:
     """Colours (RGB) and what they mean."""
-    return "".join(f'<span class="key" style="background: rgb{rgb}"></span>{escape(text)}' for rgb, text in entries)
+    return " ".join(
+        f'<span class="entry"><span class="key" style="background: rgb{rgb}"></span>{escape(text)}</span>'
+        for rgb, text in entries
+    )
 
 
 def note(text: str) -> str:

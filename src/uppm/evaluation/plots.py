@@ -93,6 +93,34 @@ def summary_chart(results: Mapping[str, Mapping[str, float | None]]) -> bytes:
     return svg(drawn)
 
 
+def answer_probabilities(present: Sequence[float], absent: Sequence[float]) -> bytes:
+    """How probable the best submap was, for prompts of what is there and of what is not; 0 to 1."""
+    drawn = figure(9, 3.0)
+    axis = drawn.subplots()
+    labels, edges = (f"there ({len(present)} prompts)", f"not there ({len(absent)})"), np.linspace(0, 1, 21)
+    axis.hist([present, absent], edges, label=labels, color=COLORS[:2])
+    axis.set(xlabel="probability of the best submap", ylabel="prompts", xlim=(0, 1))
+    axis.grid(axis="y", alpha=0.25)
+    axis.legend(loc="upper center")
+    return svg(drawn)
+
+
+def right_and_wrong(groups: Mapping[str, tuple[int, int]]) -> bytes:
+    """For each group how many were right and how many wrong, as stacked bars."""
+    names, counts = list(groups), np.array(list(groups.values()), dtype=float).reshape(-1, 2)
+    drawn = figure(9, 0.9 + 0.24 * len(names))
+    axis = drawn.subplots()
+    axis.barh(names, counts[:, 0], 0.7, color=COLORS[2], label="right")
+    axis.barh(names, counts[:, 1], 0.7, left=counts[:, 0], color=COLORS[1], label="wrong")
+    axis.set(xlabel="labels")
+    axis.xaxis.get_major_locator().set_params(integer=True)
+    axis.margins(y=0.01)
+    axis.invert_yaxis()
+    axis.grid(axis="x", alpha=0.25)
+    axis.legend(loc="upper left", bbox_to_anchor=(1, 1))
+    return svg(drawn)
+
+
 def _bars(
     axis: Any, results: Mapping[str, Mapping[str, float | None]], keys: Sequence[str], start: int, factor: float
 ) -> None:

@@ -94,7 +94,8 @@ def _instances(comparison: Comparison, drawing: _Drawing) -> Image:
     truth, parts = comparison.truth, comparison.reconstruction.parts
     instance = np.where(drawing.distance <= THRESHOLD, truth.instance[drawing.nearest], 0)
     owners = main_instances(comparison.samples, comparison.nearest, truth)
-    return drawing.colored(instance_colors(parts, drawing.part, instance, owners, truth))
+    categories = {part.id: part.category for part in parts}
+    return drawing.colored(instance_colors(categories, drawing.part, instance, owners, truth.instances))
 
 
 def legend_of_instances() -> Mapping[tuple[int, int, int], str]:

@@ -8,17 +8,33 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from uppm.core.errors import InputError
 from uppm.evaluation import html, plots
 from uppm.evaluation.map_evaluation import Comparison
 from uppm.export.files import write_bytes, write_json, write_png
+from uppm.regimes.frame_pictures import LEGEND
 from uppm.regimes.pictures import draw_errors, legend_of_instances
 
 DEFINITIONS = "Definitions of all figures: docs/evaluation.md."
-NESTED = ("matches", "per_class", "notes", "seconds", "answers", "picture")
+NESTED = ("matches", "per_class", "notes", "seconds", "answers", "picture", "misses", "groups")
 """Values that would not fit a table, or tell a reader nothing."""
 DISTANCE_CAPTION = "Distance to the ground truth: blue 0 cm, yellow 2.5 cm, red 5 cm and more."
 MISSED_CAPTION = "Red: ground truth without a reconstruction within 5 cm."
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ReportPicture:
+    """A picture in the report and beside it."""
+
+    file: str
+    """Name, PNG."""
+    image: npt.NDArray[np.uint8]
+    """(H, W, 3), RGB."""
+    caption: str
+    """HTML."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,8 +47,10 @@ class Report:
     """Method -> its flat figures."""
     comparisons: Mapping[str, Comparison] = field(default_factory=dict[str, Comparison])
     """Method -> what pictures are drawn of."""
+    pictures: Mapping[str, Sequence[ReportPicture]] = field(default_factory=dict[str, Sequence[ReportPicture]])
+    """Heading -> more pictures."""
     sections: Sequence[html.Section] = ()
-    """More for the report, after the table."""
+    """More for the report, at its end."""
     summary: Sequence[html.Section] = ()
     """More for the report, before the table."""
 
@@ -63,11 +81,15 @@ def write_report(folder: Path, report: Report) -> list[Path]:
         sections.append(html.Section(title="Distances", body=_curves(report.comparisons)))
     if any(result.get("per_class") for result in report.results.values()):
         sections.append(html.Section(title="Panoptic quality by class", body=_classes(report.results)))
-    sections += report.sections
-    for method, comparison in report.comparisons.items():
-        section, files = _pictures(folder, method, comparison)
-        sections.append(section)
+    errors = {f"Where {name} is wrong": _errors(name, compared) for name, compared in report.comparisons.items()}
+    for title, pictures in {**errors, **report.pictures}.items():
+        files = [folder / picture.file for picture in pictures]
+        for file, picture in zip(files, pictures, strict=True):
+            write_png(file, picture.image)
+        shown = (html.image(f.read_bytes(), "image/png", p.caption) for f, p in zip(files, pictures, strict=True))
+        sections.append(html.Section(title=title, body="\n".join(shown)))
         written += files
+    sections += report.sections
     write_bytes(folder / "report.html", html.page(report.title, sections).encode())
     write_json(folder / "report.json", to_json(report))
     return [folder / "report.html", folder / "report.json", *written]
@@ -116,15 +138,22 @@ def quality(counts: Mapping[str, Any]) -> float:
     return counts["iou"] / (counts["tp"] + counts["fp"] / 2 + counts["fn"] / 2)
 
 
-def _pictures(folder: Path, method: str, comparison: Comparison) -> tuple[html.Section, list[Path]]:
+def _errors(method: str, comparison: Comparison) -> list[ReportPicture]:
     drawn = draw_errors(comparison)
-    captions = {"distance": DISTANCE_CAPTION, "missed": MISSED_CAPTION}
-    images = {"distance": drawn.distance, "missed": drawn.missed}
+    found = {"distance": (drawn.distance, DISTANCE_CAPTION), "missed": (drawn.missed, MISSED_CAPTION)}
     if drawn.instances is not None:
-        images["instances"], captions["instances"] = drawn.instances, html.legend(legend_of_instances().items())
-    written, body = [], []
-    for name, image in images.items():
-        written.append(folder / f"{method}_{name}.png")
-        write_png(written[-1], image)
-        body.append(html.image(written[-1].read_bytes(), "image/png", captions[name]))
-    return html.Section(title=f"Where {method} is wrong", body="\n".join(body)), written
+        found["instances"] = drawn.instances, html.legend(legend_of_instances().items())
+    return [
+        ReportPicture(file=f"{method}_{name}.png", image=image, caption=caption)
+        for name, (image, caption) in found.items()
+    ]
+
+
+def frame_pictures(method: str, drawn: Mapping[int, npt.NDArray[np.uint8]]) -> list[ReportPicture]:
+    """The pictures of a few frames, by `Frame.index`."""
+    legend = html.legend((error.value, text) for error, text in LEGEND.items())
+    said = "the frame, its true instances, its segments."
+    return [
+        ReportPicture(file=f"{method}_frame_{n}.png", image=image, caption=f"Frame {n}: {said}<br>{legend}")
+        for n, image in drawn.items()
+    ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -69,3 +70,12 @@ def evaluate_retrieval(labels: Sequence[tuple[str, tuple[str, ...]]], retriever:
         if category.name not in accepted
     )
     return RetrievalResult(accuracy=1 - len(misses) / len(labels), labels=len(labels), misses=misses)
+
+
+def by_supercategory(
+    labels: Sequence[tuple[str, tuple[str, ...]]], result: RetrievalResult
+) -> dict[str, tuple[int, int]]:
+    """How many labels of each supercategory, that of the first accepted category, are right and wrong."""
+    missed = Counter(category_by_name()[miss.accepted[0]].supercategory for miss in result.misses)
+    total = Counter(category_by_name()[accepted[0]].supercategory for _, accepted in labels)
+    return {name: (total[name] - missed[name], missed[name]) for name in sorted(total)}
