@@ -224,7 +224,7 @@ class FusionConfig(Section):
     """With `compatible`: IoU, if over `min_iou`, from which a segment joins a submap whatever the two are called."""
     min_containment: float | None = Field(default=0.6, ge=0, le=1)
     """Share of a segment on one submap's surface at which it joins it though its IoU is low; None: never."""
-    min_area: float = Field(default=12.0, ge=0)
+    min_area: float = Field(default=8.0, ge=0)
     """Area in voxel faces that a segment must cover to found a submap."""
     min_pixels: int = Field(default=0, ge=0)
     """Pixels that it must have besides, at 640x480; scales with the image's area."""
