@@ -38,7 +38,7 @@ def test_a_fixed_pixel_minimum_scales_with_the_image() -> None:
     config = settings("panmap")
     assert [min_pixels(size, depth, whole, config) for size in (0.02, 0.05) for depth in (1.0, 3.0)] == [2000] * 4
     assert min_pixels(0.02, 1.0, half, config) == 500
-    assert min_pixels(0.02, 1.0, whole, settings()) == np.ceil(12 * 0.02**2 * 320 * 320)
+    assert min_pixels(0.02, 1.0, whole, settings()) == np.ceil(8 * 0.02**2 * 320 * 320)
 
 
 @pytest.mark.parametrize(("pixels", "founded"), [(500, 1), (40000, 0)])

@@ -76,7 +76,7 @@ def test_export_all(path: Path, tmp_path: Path) -> None:
     listed = run("export", path, "--color", "instance", *options).split()
     assert all(Path(file).is_file() for file in listed)
     assert set(trimesh.load_scene(tmp_path / "a.glb").geometry) == {"1_cup", "2_dining table", "3_floor-wood"}
-    assert sorted(p.name for p in (tmp_path / "objects").iterdir()) == ["1_cup.ply", "2_dining_table.ply"]
+    assert sorted(p.name for p in (tmp_path / "objects").iterdir()) == ["1_cup.ply", "2_dining_table.ply", "boxes.json"]
     assert json.loads((tmp_path / "a.json").read_text())["submaps"][0]["category"] == "cup"
     for name in ("top.png", "view.png"):
         image = cv2.imread(str(tmp_path / name))
