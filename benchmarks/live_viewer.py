@@ -1,11 +1,13 @@
-"""What a viewer costs mapping: runs without one, with a browser that reads and with one that never does, in turn.
+"""What a viewer costs mapping: without one, with a browser that reads, one that is slow and one that stalls, in turn.
 
     python benchmarks/live_viewer.py SEQUENCE [--repeat 4] [--rounds 3]
 
-A process of its own stands for the browser: it opens the page's web socket and reads all, or nothing, so that no
-rendering on the same cores is measured. The sequence is mapped several times over, from memory. Prints the seconds of
-`Mapper.integrate`, the share of them that the thread which maps was in the viewer (by the same clock, so that it holds
-on a busy machine too), the processor seconds of all threads, and the ratio of those to the run without a viewer.
+A process of its own stands for the browser: it opens the page's web socket and reads all, a message a second, or
+nothing, so that no rendering on the same cores is measured. The sequence is mapped several times over, from memory;
+every other round takes the cases in the opposite order. Prints the seconds of `Mapper.integrate` and their ratio to the
+run without a viewer of the same round (median, and of each round), the share of them that the thread which maps was in
+the viewer (by the same clock, so that it holds on a busy machine too), and the processor seconds of all threads with
+their ratio.
 """
 
 from __future__ import annotations
@@ -34,14 +36,15 @@ CLIENT = """
 import sys, time
 import viser
 from websockets.sync.client import connect
-address, reads = sys.argv[1], sys.argv[2] == "reads"
+address, case = sys.argv[1:]
 with connect(address, subprotocols=["viser-v" + viser.__version__], max_size=None) as socket:
     print("open", flush=True)
-    while reads:
+    while case != "stalls":
         socket.recv()
+        time.sleep(1 if case == "slow" else 0)
     time.sleep(3600)
 """
-CASES = ("none", "reads", "stalls")
+CASES = ("none", "reads", "slow", "stalls")
 
 
 class Timed(LiveViewer):
@@ -101,8 +104,8 @@ def main() -> None:
     warm = Mapper(config)
     mapped(spread_frames(source), warm)  # compiles
     warm.meshes()
-    _ = warm.map  # loads the embeddings of labels, which a map that is saved needs too
-    rounds = [{case: run(frames, config, case) for case in CASES} for _ in range(given.rounds)]
+    orders = [CASES if n % 2 == 0 else CASES[::-1] for n in range(given.rounds)]
+    rounds = [{case: run(frames, config, case) for case in order} for order in orders]
     for case in CASES:
 
         def median(of: Callable[[dict[str, tuple[float, ...]], str], float], case: str = case) -> float:
@@ -111,6 +114,8 @@ def main() -> None:
         line = {
             "viewer": case,
             "seconds": round(median(lambda r, c: r[c][0]), 2),
+            "ratio": round(median(lambda r, c: r[c][0] / r["none"][0]), 3),
+            "ratios": [round(r[case][0] / r["none"][0], 3) for r in rounds],
             "share_in_viewer": round(median(lambda r, c: r[c][2] / r[c][0]), 4),
             "processor_seconds": round(median(lambda r, c: r[c][1]), 2),
             "processor_ratio": round(median(lambda r, c: r[c][1] / r["none"][1]), 3),

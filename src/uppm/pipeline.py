@@ -188,7 +188,7 @@ class Mapper:
             submaps=submaps,
             voxels=self._fusion,
             **_language(lambda: self._embeddings, lambda: create_look_encoder(self.config.perception)),
-            label_embeddings=self._label_embeddings(submaps),
+            label_embeddings=lambda: self._label_embeddings(submaps),
             report=self.report,
             frames=self._all_records,
             meta=MapMeta(config=self.config.model_dump_json(), provenance=self.provenance),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from threading import Event, get_ident
 from typing import Any
 
@@ -16,6 +17,7 @@ from uppm.core.shown import Content
 from uppm.core.types import Frame, GroundTruth
 from uppm.map.answer import NO_ROOMS_YET
 from uppm.map.panoptic_map import PanopticMap
+from uppm.perception.retrieval.embeddings import LabelEmbeddings
 from uppm.pipeline import Mapper
 from uppm.viewer.live import LEAST, Allowance, LiveViewer
 from uppm.viewer.served import ServedMap
@@ -145,6 +147,24 @@ def test_objects_appear_while_mapping() -> None:
     assert {s.name for s in last.shown} == {"floor", "suitcase", "chair"}
     assert len(last.path) > len(first.path)
     assert last.ask("chair").ids == tuple(s.submap.id for s in last.shown if s.name == "chair")
+
+
+def test_the_thread_that_maps_embeds_nothing_for_a_viewer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The encoder, half a second to load, is asked by whoever asks a question."""
+    embedded: list[int] = []
+    encode = LabelEmbeddings.encode
+
+    def noted(self: LabelEmbeddings, texts: Sequence[str]) -> np.ndarray:
+        embedded.append(get_ident())
+        return encode(self, texts)
+
+    mapping = mapper(LiveViewer(lambda content: None, lambda: True, Endless()))  # pyright: ignore[reportArgumentType]
+    mapping.integrate(frame_at(0, 3))
+    monkeypatch.setattr(LabelEmbeddings, "encode", noted)
+    mapping.integrate(frame_at(1, 3))
+    assert embedded == []
+    assert mapping.map.query("chair").found
+    assert embedded
 
 
 def test_questions_while_mapping_read_no_voxels(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -111,11 +111,9 @@ class WatchedRun:
     """
 
     def __init__(self, host: str, port: int, source: FrameSource | None) -> None:
-        from uppm.perception.retrieval.embeddings import shipped_embeddings
         from uppm.viewer.live import LiveViewer
         from uppm.viewer.served import ServedMap
 
-        shipped_embeddings()  # mapping needs them anyway; read now, they do not use up the viewer's share
         self._source, self._served = source, ServedMap(host=host, port=port)
         self.viewer = LiveViewer(self._served.show, lambda: self._served.watched)
         typer.echo(self._served.url, err=True)

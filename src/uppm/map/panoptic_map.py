@@ -72,7 +72,7 @@ class PanopticMap:
         do not count.
     lemmatize : brings a query into the form of the labels.
     tag : part-of-speech tags of words, for questions; without it every phrase is a plain one.
-    label_embeddings : label text -> unit vector (D,), as stored with the map.
+    label_embeddings : label text -> unit vector (D,), as stored with the map; or what makes them, on the first query.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class PanopticMap:
         look_encoder: Callable[[], TextEncoder] | None = None,
         lemmatize: Callable[[str], str] = str.lower,
         tag: Callable[[Sequence[str]], Sequence[str]] | None = None,
-        label_embeddings: Mapping[str, Vector] | None = None,
+        label_embeddings: Mapping[str, Vector] | Callable[[], Mapping[str, Vector]] | None = None,
         report: Report | None = None,
         frames: Iterable[FrameRecord] = (),
         changes: Iterable[Change] = (),
@@ -100,7 +100,7 @@ class PanopticMap:
         """What was corrected by hand and not undone; the submaps are as corrected."""
         self.report = report or Report()
         self.meta = meta or MapMeta()
-        self.label_embeddings = dict(label_embeddings or {})
+        self._label_embeddings = label_embeddings or {}
         self._by_id = {submap.id: submap for submap in self.submaps}
         self._meshes: dict[int, Mesh] = {}
         self._voxels, self._make_encoder, self._lemmatize, self._tag = voxels, encoder, lemmatize, tag
@@ -247,6 +247,11 @@ class PanopticMap:
             counting=question.count,
             note=note,
         )
+
+    @cached_property
+    def label_embeddings(self) -> Mapping[str, Vector]:
+        """Label text -> unit vector (D,)."""
+        return self._label_embeddings() if callable(self._label_embeddings) else self._label_embeddings
 
     @property
     def rooms(self) -> dict[int, str]:
