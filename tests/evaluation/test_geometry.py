@@ -68,6 +68,22 @@ def test_agrees_with_brute_force(seed: int, n: int, m: int, scale: float) -> Non
         assert getattr(found, name) == pytest.approx(value, rel=1e-9, abs=1e-9), name
 
 
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 80), m=st.integers(2, 80))
+def test_the_foreground_agrees_with_brute_force(seed: int, n: int, m: int) -> None:
+    random = np.random.default_rng(seed)
+    reconstruction, truth = 0.08 * random.normal(size=(n, 3)), 0.08 * random.normal(size=(m, 3))
+    foreground = random.random(m) < 0.5
+    foreground[0] = True
+    matrix = cdist(reconstruction, truth)
+    hits = [row.min() <= 0.05 for row in matrix if foreground[row.argmin()]]
+    found = [column.min() <= 0.05 for column, wanted in zip(matrix.T, foreground, strict=True) if wanted]
+    precision, recall = (sum(hits) / len(hits) if hits else 0.0), sum(found) / len(found)
+    expected = 2 * precision * recall / (precision + recall) if precision + recall else 0.0
+    metrics = geometric_metrics(nearest_points(reconstruction, PointIndex(truth)), foreground)
+    assert metrics.f1_foreground_5cm == pytest.approx(expected)
+
+
 @pytest.mark.parametrize("offset_cm", [0.0, 2.0, 5.5])
 def test_a_plane_above_a_plane(offset_cm: float) -> None:
     reconstruction = sample_surface(square(0, 0, offset_cm / 100))

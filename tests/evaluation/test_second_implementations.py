@@ -75,6 +75,10 @@ def test_panoptic_quality_as_coco_has_it(tmp_path: Path, seed: int) -> None:
     assert 0.1 < theirs["All"]["pq"] < 0.9
     for means, group in ((found.all, "All"), (found.things, "Things"), (found.stuff, "Stuff")):
         assert (means.pq, means.sq, means.rq) == pytest.approx(tuple(theirs[group][k] for k in ("pq", "sq", "rq")))
+    for number, (name, _) in CLASSES.items():
+        one, other = found.per_class[name], theirs["per_class"][number]
+        assert (one.tp, one.fp, one.fn) == (other["tp"], other["fp"], other["fn"])
+        assert (one.pq, one.sq, one.rq) == pytest.approx((other["pq"], other["sq"], other["rq"]))
 
 
 @pytest.mark.parametrize("seed", range(4))

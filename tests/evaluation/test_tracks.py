@@ -1,7 +1,11 @@
 from __future__ import annotations
 
+from itertools import groupby
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from uppm.core.errors import InputError
 from uppm.evaluation.tracks import frame_assignment, id_switches
@@ -24,3 +28,9 @@ def test_switches_by_hand() -> None:
 def test_images_of_two_sizes() -> None:
     with pytest.raises(InputError, match=r"submap image: expected \(2, 3\), found \(3, 2\)"):
         frame_assignment(np.zeros((2, 3), int), np.zeros((3, 2), int))
+
+
+@given(st.lists(st.dictionaries(st.integers(1, 4), st.integers(1, 3)), max_size=20))
+def test_switches_are_the_steps_of_each_instances_own_track(frames: list[dict[int, int]]) -> None:
+    tracks = [[frame[instance] for frame in frames if instance in frame] for instance in range(1, 5)]
+    assert id_switches(frames) == sum(len(list(groupby(track))) - 1 for track in tracks if track)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,8 @@ from uppm.core.errors import MissingExtraError
 
 COMMAND = "pip install uppm[eval]"
 COLORS = ("#2654a2", "#d1613a", "#4f9d63", "#8a63b5", "#c9a227", "#5f6b7a", "#b23a6f", "#3f97a8")
+LINES = ("-", "--", "-.", ":")
+"""Styles of curves, so that those which lie on each other can be told apart."""
 LEFT = {"completion_ratio_5cm": "completion ratio, %", "f1_5cm": "F1, %", "pq_3d": "PQ (3D), %"}
 """Shares, higher is better."""
 RIGHT = {"chamfer_cm": "Chamfer", "hausdorff_95_cm": "Hausdorff 95 %", "accuracy_cm": "accuracy"}
@@ -45,10 +47,10 @@ def distance_curves(
     drawn = figure(9, 3.4)
     axes = drawn.subplots(1, 2, sharey=True)
     at = np.linspace(0, limit, 201)
-    for color, (name, both) in zip(_colors(distances), distances.items(), strict=True):
+    for n, (color, (name, both)) in enumerate(zip(_colors(distances), distances.items(), strict=True)):
         for axis, values in zip(axes, both, strict=True):
             share = np.searchsorted(np.sort(values), at, side="right") / len(values)
-            axis.plot(100 * at, 100 * share, color=color, label=name)
+            axis.plot(100 * at, 100 * share, color=color, label=name, linestyle=LINES[n % len(LINES)])
     for axis, title in zip(axes, ("reconstruction to ground truth", "ground truth to reconstruction"), strict=True):
         axis.set(title=title, xlabel="distance, cm", xlim=(0, 100 * limit), ylim=(0, 101))
         axis.axvline(5, color="#999999", linewidth=0.8, linestyle=":")
@@ -58,14 +60,15 @@ def distance_curves(
     return svg(drawn)
 
 
-def class_bars(per_class: Mapping[str, Mapping[str, float]]) -> bytes:
-    """PQ of each class for each method: method -> class -> 0 to 1."""
+def class_bars(per_class: Mapping[str, Mapping[str, float]], methods: Sequence[str]) -> bytes:
+    """PQ of each class for each method: method -> class -> 0 to 1; `methods` are all of the report, for the colours."""
     classes = sorted({name for values in per_class.values() for name in values})
     drawn = figure(9, max(1.6, 0.7 + 0.19 * len(classes) * max(1, len(per_class) / 2)))
     axis = drawn.subplots()
     thickness = 0.8 / len(per_class)
-    for i, (color, (method, values)) in enumerate(zip(_colors(per_class), per_class.items(), strict=True)):
-        place = np.arange(len(classes)) + (i - (len(per_class) - 1) / 2) * thickness
+    colors = dict(zip(methods, _colors(methods), strict=True))
+    for i, (method, values) in enumerate(per_class.items()):
+        color, place = colors[method], np.arange(len(classes)) + (i - (len(per_class) - 1) / 2) * thickness
         axis.barh(place, [100 * values.get(c, 0.0) for c in classes], thickness, color=color, label=method)
     axis.set(xlim=(0, 100), xlabel="PQ, %", ylim=(-0.6, len(classes) - 0.4))
     axis.set_yticks(np.arange(len(classes)), classes, fontsize=7)
@@ -89,7 +92,9 @@ def summary_chart(results: Mapping[str, Mapping[str, float | None]]) -> bytes:
     first.set(ylabel="higher is better, %", ylim=(0, 100))
     second.set(ylabel="lower is better, cm", ylim=(0, None))
     first.axvline(len(left) - 0.5, color="#999999", linewidth=0.8)
-    first.legend(*(second if not left else first).get_legend_handles_labels(), loc="upper center", ncols=4, fontsize=8)
+    drawn.legend(
+        *(second if not left else first).get_legend_handles_labels(), loc="outside upper center", ncols=4, fontsize=8
+    )
     return svg(drawn)
 
 
@@ -131,5 +136,5 @@ def _bars(
         axis.bar(place, heights, thickness, color=color, label=method)
 
 
-def _colors(methods: Mapping[str, Any]) -> list[str]:
+def _colors(methods: Collection[str]) -> list[str]:
     return [COLORS[i % len(COLORS)] for i in range(len(methods))]

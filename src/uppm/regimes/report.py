@@ -130,7 +130,7 @@ def _classes(results: Mapping[str, Mapping[str, Any]]) -> str:
         if result.get("per_class")
     }
     caption = "Classes of the truth and of the prediction; one that was only predicted has 0."
-    return html.image(plots.class_bars(values), "image/svg+xml", caption)
+    return html.image(plots.class_bars(values, list(results)), "image/svg+xml", caption)
 
 
 def quality(counts: Mapping[str, Any]) -> float:

@@ -67,14 +67,14 @@ def draw_curves(rows: Sequence[Mapping[str, Any]]) -> Any:
         for axis, (metric, title) in zip(line, CURVES, strict=True):
             _draw(axis, [row for row in rows if row["sequence"] == sequence], metric)
             axis.set(title=f"{sequence}: {title}", xlabel="noise level")
-    axes[0][0].legend(frameon=False)
+    drawn.legend(*axes[0][0].get_legend_handles_labels(), loc="outside upper center", ncols=len(METHODS), frameon=False)
     return drawn
 
 
 def _draw(axis: Any, rows: Sequence[Mapping[str, Any]], metric: str) -> None:
-    for method in METHODS:
+    for method, color in zip(METHODS, plots.COLORS, strict=False):
         points = [(row["level"], row[metric]) for row in rows if row["method"] == method and row[metric] is not None]
-        axis.plot(*zip(*points, strict=True), marker="o", markersize=4, label=method)
+        axis.plot(*zip(*points, strict=True), marker="o", markersize=4, label=method, color=color)
     if metric == "object_count_ratio":
         axis.axhspan(0.9, 1.2, color="0.9", zorder=0)
     else:

@@ -71,7 +71,7 @@ def _bars(figures: Figures) -> bytes:
         if key == "object_count_ratio":
             axis.axvspan(0.9, 1.2, color="0.9", zorder=0)
         else:
-            axis.set_xlim(0, 1)
+            axis.set(xlim=(0, 1), xticks=(0, 0.5, 1))
     axes[0].invert_yaxis()
     return plots.svg(drawn)
 
