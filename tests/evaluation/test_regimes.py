@@ -138,6 +138,28 @@ class Images(HTMLParser):
         self.sources += [value or "" for name, value in attrs if name in ("src", "href")]
 
 
+def documented(regime: str) -> set[str]:
+    """Keys that the table of docs/evaluation.md has for a regime."""
+    text = Path(__file__).resolve().parents[2].joinpath("docs", "evaluation.md").read_text(encoding="utf-8")
+    rows = [
+        line.split("|") for line in text.split("## All keys in one table")[1].splitlines() if line.startswith("| `")
+    ]
+    return {row[1].strip(" `") for row in rows if regime in row[3].replace(",", " ").split()}
+
+
+def test_the_table_of_keys_has_those_that_are_printed(
+    room: Path, map_file: Path, measured: list[dict], tmp_path: Path
+) -> None:
+    assert set(measured[0]) == documented("sequence")
+    assert set(results("map", map_file, "--ground-truth", room, "--points-per-m2", "400")[0]) == documented("map")
+    assert set(results("segmentation", room, "--perception", "groundtruth")[0]) == documented("segmentation")
+    prompts, labels = tmp_path / "prompts.tsv", tmp_path / "labels.tsv"
+    prompts.write_text("prompt\tobjects\nball\tsports ball\n")
+    assert set(results("query", map_file, "--prompts", prompts)[0]) == documented("query")
+    labels.write_text("label\tcategories\norange\torange\n")
+    assert set(results("retrieval", labels)[0]) == documented("retrieval")
+
+
 def sections_and_pictures(out: Path) -> tuple[list[str], int, int]:
     """Headings, SVG plots and PNG pictures of a report, all of which lie in the file."""
     text = (out / "report.html").read_text()

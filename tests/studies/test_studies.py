@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -125,6 +126,9 @@ def test_levels_are_read_or_refused() -> None:
 def test_without_noise_every_name_of_a_thing_is_asked_and_most_are_found(tmp_path: Path) -> None:
     config = Config.load(None, [*FEW, "perception.simulated.level=0"])
     found = measure(DEMO, config, tmp_path / "map.png")
+    text = Path(__file__).resolve().parents[2].joinpath("docs", "evaluation.md").read_text(encoding="utf-8")
+    table = text.split("## All keys in one table")[1]
+    assert [key for key in found if not re.search(rf"\| `{key}` \|[^|]*\|[^|]*ablation, noise", table)] == []
     assert found["frames"] == 4
     assert found["prompts_present"] > 100
     assert found["prompts_absent"] > 10
