@@ -116,6 +116,17 @@ def test_a_surface_that_a_mask_leaked_onto_goes_back_to_whom_most_frames_saw_the
     assert (np.abs(np.linalg.norm(at - BALL.center, axis=1) - BALL.radius) < 0.02).mean() > 0.95
 
 
+def test_an_object_that_is_seldom_found_keeps_its_surface() -> None:
+    fusion = new_fusion()
+    for n in range(9):
+        # For long the ball is taken for a part of the floor.
+        see(fusion, [BALL, FLOOR], NAMES, n, eye=RING[0], segments=[2 if n < 6 else 1, 2])
+    fusion.finish()
+    (ball,) = [s for s in objects(fusion) if s.kind is SubmapKind.OBJECT]
+    distance = np.linalg.norm(vertices(fusion, ball) - BALL.center, axis=1)
+    assert (np.abs(distance - BALL.radius) < 0.02).sum() > 300
+
+
 def test_a_confirmed_object_that_is_missed_becomes_inactive_and_wakes() -> None:
     fusion, states = new_fusion(settings(max_misses=2)), []
     for n, shown in enumerate([1, 1, 0, 0, 0, 1]):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from uppm.fusion.cleaning import stray_parts
+from uppm.fusion.cleaning import seldom_seen, stray_parts
 
 SIZE = 0.02
 
@@ -23,3 +23,10 @@ def test_parts_seen_seldom_are_stray_and_true_parts_stay() -> None:
 
 def test_one_part_is_never_stray() -> None:
     assert not stray_parts(block((-3, 5, 9), 3), np.ones(27), SIZE).any()
+
+
+def test_seldom_seen_is_beside_the_most_often_seen_alone() -> None:
+    counts = np.repeat([9.0, 7.0, 5.0, 1.0, 40.0], [50, 20, 10, 15, 5])
+    np.testing.assert_array_equal(seldom_seen(counts), counts <= 5)
+    assert not seldom_seen(np.ones(7)).any()
+    assert seldom_seen(np.empty(0)).shape == (0,)

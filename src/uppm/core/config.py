@@ -259,7 +259,7 @@ class FusionConfig(Section):
     split_frames: int | None = Field(default=10, ge=1)
     """Frames in which two segments fall on separate parts of a submap after which it is split; None: never."""
     clean: bool = True
-    """Objects lose their stray parts at the end, and all submaps what others were seen at more often."""
+    """At the end objects lose their stray parts, and all submaps what a few masks leaked onto."""
     min_surface: int = Field(default=6, ge=1)
     """Surface voxels that a submap must hold at the end."""
     max_blocks: int = Field(default=2_000_000, ge=1024)

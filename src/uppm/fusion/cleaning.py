@@ -1,4 +1,4 @@
-"""Stray parts: pieces far from an object that a few leaking masks have left with it."""
+"""What a few leaking masks have left with an object: stray parts, far from it, and rims, which others were seen at."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ from scipy.spatial import KDTree
 
 LEAST_SHARE = 0.1
 """Observations of a part, of those of the largest part, below which it is stray."""
+
+SELDOM, MOST = 0.67, 0.9
+"""Share of the times that a submap's most often seen voxels were, at this quantile, below which one is seldom seen."""
 
 
 def stray_parts(
@@ -36,3 +39,14 @@ def stray_parts(
     part = connected_components(graph, directed=False)[1][cell.ravel()]
     seen = np.bincount(part, weights=counts)
     return seen[part] < LEAST_SHARE * seen.max()
+
+
+def seldom_seen(counts: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+    """Which surface voxels (N,) few of a submap's masks covered, beside those that most of them did.
+
+    counts (N,): times that each was seen as the submap's. An object that is seldom found is covered alike all
+    over; the rim that a mask leaks onto is another one in each frame.
+    """
+    if not len(counts):
+        return np.zeros(0, dtype=np.bool_)
+    return counts < SELDOM * np.quantile(counts, MOST)

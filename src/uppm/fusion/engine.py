@@ -23,7 +23,7 @@ from uppm.core.types import (
     VoxelBlocks,
 )
 from uppm.fusion import descriptors, lifecycle, merging, splitting, tracking
-from uppm.fusion.cleaning import stray_parts
+from uppm.fusion.cleaning import seldom_seen, stray_parts
 from uppm.fusion.collection import SubmapCollection
 from uppm.fusion.submaps import LiveSubmap
 from uppm.fusion.view import View, ViewFactory
@@ -330,11 +330,12 @@ class PanopticFusion:
                 self._volume.disown(submap.slot, transform(submap.T_map_submap, voxels[stray, :3]))
 
     def _settle_contested(self) -> None:
-        """A surface that several submaps hold is that one's which was seen there most often; ties stay as they are."""
+        """What a submap was seldom seen at, and another more often, is the other's: a mask leaked onto it."""
         labeled = [s for s in self._all if s.descriptor]
         lost: list[tuple[int, npt.NDArray[np.float64]]] = []
         for submap in labeled:
             voxels = self._volume.surface_voxels(submap.slot)
+            voxels = voxels[seldom_seen(voxels[:, 3])]
             points = transform(submap.T_map_submap, voxels[:, :3])
             others = [s.slot for s in self._all.near(submap, [s for s in labeled if s is not submap])]
             lost.append((submap.slot, points[self._volume.most_seen(others, points) > voxels[:, 3]]))
