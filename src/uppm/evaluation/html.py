@@ -20,10 +20,10 @@ body { font: 15px/1.5 system-ui, sans-serif; color: #1d2530; max-width: 1100px; 
 h1 { font-size: 1.5rem; } h2 { font-size: 1.15rem; margin-top: 2.2rem; border-bottom: 1px solid #d8dde4; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 th, td { padding: .15rem .8rem .15rem 0; text-align: right; vertical-align: top; }
-td { max-width: 15rem; overflow-wrap: anywhere; }
-th:first-child, td:first-child, .text { text-align: left; }
+td { max-width: 15rem; overflow-wrap: break-word; } th { vertical-align: bottom; }
+th:first-child, td:first-child, .text { text-align: left; } td:first-child { white-space: nowrap; }
 thead th { border-bottom: 1px solid #8893a3; } tbody tr:hover { background: #f3f5f8; }
-.wide { overflow-x: auto; }
+.wide { overflow-x: auto; } .wide td:first-child { position: sticky; left: 0; background: #fff; }
 figure { margin: 1rem 0; } figure img { max-width: 100%; } figcaption { color: #56606e; font-size: .9rem; }
 .note { background: #fff6dd; border-left: 4px solid #e0b13a; padding: .4rem .8rem; }
 .entry { white-space: nowrap; margin-right: .9em; }
