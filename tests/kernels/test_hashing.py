@@ -108,9 +108,11 @@ def test_volume_behaves_as_a_dict_of_dicts(steps: list) -> None:
         at = volume.find(slots[name], asked)
         assert at[-2:].tolist() == [NONE, NONE]
         np.testing.assert_array_equal(volume.pool.block_coord[at[:-2]], asked[:-2])
-        for field in ("distance", "weight", "color", "belonging"):
-            values = getattr(found, field).reshape(len(found), -1)
-            np.testing.assert_array_equal(values, np.tile([[blocks[c]] for c in sorted(blocks)], values.shape[1]))
+        wanted = np.array([blocks[c] for c in sorted(blocks)], dtype=np.int64).reshape(-1, 1, 1, 1)
+        for field, shape in (("distance", ()), ("weight", ()), ("color", (3,)), ("belonging", (2,))):
+            values = getattr(found, field)
+            assert values.shape == (len(blocks), 8, 8, 8, *shape)
+            np.testing.assert_array_equal(values.T, np.broadcast_to(wanted.T, values.T.shape))
 
 
 def test_more_submaps_than_there_were_slots_and_more_blocks_than_there_is_room() -> None:
