@@ -152,6 +152,7 @@ def test_a_run_gives_the_same_figures_and_picture_again(tmp_path: Path) -> None:
     assert (tmp_path / "0.png").read_bytes() == (tmp_path / "1.png").read_bytes()
 
 
+@pytest.mark.heavy
 def test_runs_that_share_perception_find_what_they_find_alone(tmp_path: Path) -> None:
     shared, settings = SharedPerception(), [*FEW, "input.stride=20"]
     for own in ([], ["retrieval.method=labels"], ["fusion.category_policy=same"], ["perception.nms=none"]):
