@@ -336,6 +336,8 @@ class PanopticFusion:
         for submap in labeled:
             voxels = self._volume.surface_voxels(submap.slot)
             voxels = voxels[seldom_seen(voxels[:, 3])]
+            if not len(voxels):
+                continue
             points = transform(submap.T_map_submap, voxels[:, :3])
             others = [s.slot for s in self._all.near(submap, [s for s in labeled if s is not submap])]
             lost.append((submap.slot, points[self._volume.most_seen(others, points) > voxels[:, 3]]))
